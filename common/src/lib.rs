@@ -14,3 +14,4 @@ pub mod spaces;
 pub mod status;
 pub mod telemetry;
 pub mod transition;
+pub mod work;

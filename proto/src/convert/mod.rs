@@ -1,0 +1,12 @@
+//! Wire ⇄ domain. Domain to wire cannot fail; wire to domain checks every length, shape and number.
+
+mod numbers;
+mod outcome;
+mod policy;
+mod status;
+mod transitions;
+mod work;
+
+pub use policy::{policy_from_wire, policy_to_wire};
+pub use transitions::{transitions_from_wire, transitions_to_wire};
+pub use work::{hello_name, work_from_wire};

@@ -1,0 +1,21 @@
+//! Columns of f32 as packed little-endian bytes.
+
+use crate::WireError;
+use bytes::Bytes;
+
+#[cfg(target_endian = "big")]
+compile_error!("columns travel little-endian and are copied as they are");
+
+/// The bytes of a column.
+pub(super) fn to_bytes(numbers: &[f32]) -> Bytes {
+    Bytes::copy_from_slice(bytemuck::cast_slice(numbers))
+}
+
+/// The column in `bytes`, copied, so that the receive buffer is not kept alive.
+pub(super) fn from_bytes(field: &'static str, bytes: &[u8], expected: usize) -> Result<Vec<f32>, WireError> {
+    if bytes.len() != expected * size_of::<f32>() {
+        let expected = format!("{} ({expected} numbers)", expected * size_of::<f32>());
+        return Err(WireError::invalid(field, format!("{} bytes", bytes.len()), expected));
+    }
+    Ok(bytemuck::pod_collect_to_vec(bytes))
+}
