@@ -37,6 +37,8 @@ pub const TRAINER_QUEUE: usize = 1024;
 pub const COMMANDS_PER_TURN: usize = 64;
 /// Messages waiting for one actor; an actor that does not read them is disconnected.
 pub const ACTOR_QUEUE: usize = 256;
+/// Messages of one actor that may break the contract before its stream is ended.
+pub const REFUSALS_PER_ACTOR: u32 = 16;
 /// How often one episode is leased before the run stops: beyond it the episode itself is at fault.
 pub const LEASES_PER_EPISODE: u32 = 100;
 /// Episodes that the journal may hold.

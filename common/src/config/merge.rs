@@ -29,6 +29,15 @@ pub fn set(base: &mut Table, assignment: &str) -> Result<(), Error> {
     overlay_table(base, over, "", &origin)
 }
 
+/// Every value with its dotted key, in order.
+pub fn flatten(table: &Table) -> Vec<(String, String)> {
+    let of = |(key, value): (&String, &Value)| match value {
+        Value::Table(inner) => flatten(inner).into_iter().map(|(rest, v)| (format!("{key}.{rest}"), v)).collect(),
+        value => vec![(key.clone(), value.to_string())],
+    };
+    table.iter().flat_map(of).collect()
+}
+
 fn overlay_table(base: &mut Table, over: Table, path: &str, origin: &str) -> Result<(), Error> {
     for (key, value) in over {
         let full = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };

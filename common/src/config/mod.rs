@@ -161,6 +161,14 @@ impl Config {
         sha256_hex(serde_json::to_string(&(&identity, self.task_hash())).expect("plain data serialises"))
     }
 
+    /// The keys in which two configurations differ, with both values as TOML.
+    pub fn differences(&self, other: &Self) -> Vec<(String, String, String)> {
+        let flat = |config: &Self| merge::flatten(&toml::Table::try_from(config).expect("plain data serialises"));
+        let (ours, theirs) = (flat(self), flat(other));
+        let both = ours.into_iter().zip(theirs).filter(|(a, b)| a != b);
+        both.map(|((key, ours), (_, theirs))| (key, ours, theirs)).collect()
+    }
+
     fn with_sets(mut table: toml::Table, sets: &[String]) -> Result<Self, Error> {
         for set in sets {
             merge::set(&mut table, set)?;

@@ -1,0 +1,155 @@
+//! Learning from one commit: its transitions into replay, the updates it pays for, then a new policy.
+
+use super::{Error, Trainer};
+use crate::ddpg::Update;
+use crate::history::record::Committed;
+use crate::metrics::{EpisodeLine, LossFields, OutcomeFields};
+use crate::{export, shelf::Shelf};
+use herd_common::caps;
+use herd_common::config::ddpg;
+use herd_common::policy::{Policy, Provenance};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// A commit that is being learned from.
+pub(super) struct Digest {
+    line: EpisodeLine,
+    /// Updates of the whole run after which it is digested.
+    until: u64,
+    critic: Mean,
+    actor: Mean,
+    value: Mean,
+}
+
+#[derive(Default)]
+struct Mean {
+    sum: f64,
+    count: u32,
+}
+
+impl Mean {
+    fn add(&mut self, x: f32) {
+        self.sum += f64::from(x);
+        self.count += 1;
+    }
+
+    fn get(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.sum / f64::from(self.count))
+    }
+}
+
+/// Updates that a run has earned once this many transitions are committed.
+pub(super) fn updates_earned(config: &ddpg::Config, transitions: u64) -> u64 {
+    (transitions.saturating_sub(config.warmup_transitions) as f64 * config.updates_per_transition).floor() as u64
+}
+
+impl Trainer {
+    /// Takes a commit in; learning from it follows turn by turn.
+    pub(super) fn begin_digest(&mut self, committed: &Committed) {
+        let outcome = &committed.outcome;
+        let staleness = self.version().saturating_sub(committed.version);
+        self.replay.push(&committed.transitions);
+        self.tally.commit(outcome, committed.transitions.len(), staleness);
+        let until = updates_earned(&self.config.ddpg, self.tally.transitions).max(self.ddpg.updates());
+        let line = EpisodeLine {
+            episode: committed.episode,
+            version: committed.version,
+            sigma: committed.sigma,
+            value: outcome.reward.total(),
+            speed_mps: outcome.mean_speed(),
+            outcome: OutcomeFields::from(outcome),
+            transitions: self.tally.transitions,
+            updates: until,
+            losses: LossFields::default(),
+        };
+        self.digest =
+            Some(Digest { line, until, critic: Mean::default(), actor: Mean::default(), value: Mean::default() });
+    }
+
+    /// One update, or, when all are done, the publication of what was learned.
+    pub(super) fn digest_more(&mut self) -> Result<(), Error> {
+        let Some(digest) = &self.digest else { return Ok(()) };
+        if self.ddpg.updates() < digest.until {
+            return self.update();
+        }
+        let Some(digest) = self.digest.take() else { return Ok(()) };
+        let mut line = digest.line;
+        line.losses = LossFields {
+            critic_loss: digest.critic.get(),
+            actor_loss: digest.actor.get(),
+            mean_value: digest.value.get(),
+        };
+        self.metrics.write(&line)?;
+        self.publish()?;
+        let commits = self.ledger.commits().count();
+        if commits >= self.checkpointed.episodes + self.config.history.checkpoint_episodes && !self.restoring() {
+            self.save_checkpoint()?;
+        }
+        Ok(())
+    }
+
+    /// Digests what is begun, so that the state is that of a whole number of commits.
+    pub(super) fn finish_digest(&mut self) -> Result<(), Error> {
+        while self.digest.is_some() {
+            self.digest_more()?;
+        }
+        Ok(())
+    }
+
+    /// Version of the newest policy: commits digested.
+    pub(super) fn version(&self) -> u64 {
+        self.ledger.commits().count() - u64::from(self.digest.is_some())
+    }
+
+    /// Puts the policy as it is now on the shelf and says so to the ledger.
+    pub(super) fn publish(&mut self) -> Result<(), Error> {
+        let version = self.version();
+        let policy = self.policy(version)?;
+        let mut shelf = Shelf::clone(&self.shelf.borrow());
+        shelf.put(policy);
+        self.ledger.published(version);
+        shelf.keep(|version| self.ledger.wants(version));
+        self.shelf.send_replace(Arc::new(shelf));
+        Ok(())
+    }
+
+    fn policy(&self, version: u64) -> Result<Policy, Error> {
+        let provenance =
+            Provenance { version, run: self.config.run_name(), task_hash: self.config.task_hash() };
+        Ok(export::policy(&self.ddpg, provenance)?)
+    }
+
+    #[expect(clippy::disallowed_methods, reason = "how long updates take is shown to people and decides nothing")]
+    fn update(&mut self) -> Result<(), Error> {
+        let begun = Instant::now();
+        let update = self.ddpg.update(&self.replay)?;
+        self.busy_secs += begun.elapsed().as_secs_f64();
+        self.note_losses(&update)
+    }
+
+    fn note_losses(&mut self, update: &Update) -> Result<(), Error> {
+        if update.skipped {
+            self.skipped_in_a_row += 1;
+            if self.skipped_in_a_row >= caps::SKIPPED_UPDATES {
+                return Err(Error::Diverged(self.skipped_in_a_row));
+            }
+            return Ok(());
+        }
+        self.skipped_in_a_row = 0;
+        let losses = &mut self.tally.losses;
+        losses.critic = f64::from(update.critic_loss);
+        losses.value = f64::from(update.mean_value);
+        losses.skipped = self.ddpg.skipped();
+        if let Some(actor) = update.actor_loss {
+            losses.actor = f64::from(actor);
+        }
+        if let Some(digest) = &mut self.digest {
+            digest.critic.add(update.critic_loss);
+            digest.value.add(update.mean_value);
+            if let Some(actor) = update.actor_loss {
+                digest.actor.add(actor);
+            }
+        }
+        Ok(())
+    }
+}

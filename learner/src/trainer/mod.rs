@@ -1,0 +1,339 @@
+//! The trainer: one thread that owns everything a run consists of, and moves it on commit by commit.
+//!
+//! ```text
+//! commands ─► ledger ─► journal ─► replay ─► ddpg ─► shelf ─► leases
+//! ```
+//! A turn does one small thing (an update, a commit, a publication), then looks at the commands again, so that neither
+//! learning nor the network starves the other. What a turn does depends on the ledger alone, never on the clock, so
+//! in deterministic order the weights are a function of seed and configuration.
+
+pub mod command;
+mod checkpointing;
+mod digest;
+mod reporting;
+mod seats;
+mod tally;
+
+use crate::ddpg::{self, Ddpg};
+use crate::history::{self, epoch::Epoch, journal::Journal, ledger::Ledger, record::Record};
+use crate::metrics::{EvaluationLine, Lines};
+use crate::replay::Replay;
+use crate::run_dir::RunDir;
+use crate::shelf::Shelf;
+use command::{Command, Notice};
+use digest::Digest;
+use herd_common::config::{Config, run::Durability};
+use herd_common::seed::Seed;
+use herd_common::work::{Order, Work};
+use herd_common::{caps, policy};
+use history::refusal::{Claim, Refusal};
+use seats::Seats;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tally::{Meter, Tally};
+use tokio::sync::{mpsc, watch};
+
+/// How a trainer ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// The run has all its episodes.
+    Complete,
+    /// It was asked to stop; a checkpoint holds everything.
+    Stopped,
+}
+
+/// Why a trainer cannot go on. The run on disk is as good as its last commit.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Reading or writing the run directory failed.
+    #[error("run directory: {0}")]
+    Io(#[from] std::io::Error),
+    /// Journal, checkpoint or epoch.
+    #[error(transparent)]
+    History(#[from] history::Error),
+    /// The learner's mathematics.
+    #[error(transparent)]
+    Ddpg(#[from] ddpg::Error),
+    /// What was learned is not a policy.
+    #[error("learned policy: {0}")]
+    Policy(#[from] policy::Error),
+    /// An episode that no actor finishes.
+    #[error(transparent)]
+    Exhausted(#[from] history::ledger::Exhausted),
+    /// Another learner took over the run directory.
+    #[error("another learner was started on this run directory, so this one (epoch {0}) ends")]
+    Fenced(u64),
+    /// Learning produces no finite numbers.
+    #[error("{0} updates in a row gave numbers that are not finite: learning has diverged")]
+    Diverged(u32),
+}
+
+/// The state of a run. See the module's drawing for who feeds whom.
+pub struct Trainer {
+    config: Config,
+    seed: Seed,
+    dir: RunDir,
+    epoch: Epoch,
+    ledger: Ledger,
+    journal: Journal,
+    /// Records in the journal, or already taken from it while restoring.
+    records: u64,
+    replay: Replay,
+    ddpg: Ddpg,
+    tally: Tally,
+    metrics: Lines,
+    evaluations: Lines,
+    shelf: watch::Sender<Arc<Shelf>>,
+    /// The commit that is being learned from.
+    digest: Option<Digest>,
+    skipped_in_a_row: u32,
+    checkpointed: Checkpointed,
+    seats: Seats,
+    meter: Meter,
+    busy_secs: f64,
+    phase: &'static str,
+    started: Instant,
+}
+
+/// When the newest checkpoint was written.
+#[derive(Clone, Copy, Debug, Default)]
+struct Checkpointed {
+    episodes: u64,
+    at: Option<f64>,
+}
+
+/// What a turn came to.
+enum Turn {
+    Worked,
+    Idle,
+    Complete,
+}
+
+/// Longest wait for a command when there is nothing else to do.
+const IDLE_WAIT: Duration = Duration::from_millis(100);
+/// After completion the learner answers this long, so that everybody hears of it.
+const FAREWELL_SECS: (f64, f64) = (1.5, 5.0);
+
+impl Trainer {
+    /// Runs until the run is complete or somebody says stop.
+    pub fn run(mut self, mut inbox: mpsc::Receiver<Command>, runtime: &tokio::runtime::Handle) -> Result<Ended, Error> {
+        loop {
+            if self.obey(&mut inbox)? {
+                return Ok(Ended::Stopped);
+            }
+            self.keep_house();
+            match self.turn()? {
+                Turn::Worked => {}
+                Turn::Complete => return self.bid_farewell(&mut inbox, runtime),
+                Turn::Idle => {
+                    let wait = async { tokio::time::timeout(IDLE_WAIT, inbox.recv()).await };
+                    if let Ok(Some(command)) = runtime.block_on(wait)
+                        && self.handle(command)?
+                    {
+                        return Ok(Ended::Stopped);
+                    }
+                }
+            }
+            self.offer_leases()?;
+        }
+    }
+
+    /// One small step of the run.
+    fn turn(&mut self) -> Result<Turn, Error> {
+        if self.digest.is_some() {
+            self.digest_more()?;
+        } else if let Some((version, outcomes)) = self.ledger.next_evaluation() {
+            self.keep(&Record::Evaluation { version, outcomes: outcomes.clone() })?;
+            self.conclude_evaluation(version, &outcomes)?;
+        } else if let Some(committed) = self.ledger.next_commit() {
+            let episode = committed.episode;
+            let record = Record::Episode(committed);
+            self.keep(&record)?;
+            self.seats.tell_all(&Notice::Committed(episode));
+            let Record::Episode(committed) = record else { unreachable!("built above") };
+            self.begin_digest(&committed);
+        } else if self.ledger.is_complete() {
+            return Ok(Turn::Complete);
+        } else {
+            return Ok(Turn::Idle);
+        }
+        Ok(Turn::Worked)
+    }
+
+    /// Puts a record into the journal; on return it is as durable as the configuration asks.
+    fn keep(&mut self, record: &Record) -> Result<(), Error> {
+        if !self.epoch.is_current()? {
+            return Err(Error::Fenced(self.epoch.number()));
+        }
+        self.journal.append(record)?;
+        if self.config.history.durability == Durability::Disk {
+            self.journal.sync()?;
+        }
+        self.records += 1;
+        Ok(())
+    }
+
+    fn conclude_evaluation(&mut self, version: u64, outcomes: &[herd_common::episode::Outcome]) -> Result<(), Error> {
+        self.tally.evaluate(outcomes);
+        Ok(self.evaluations.write(&EvaluationLine::new(version, outcomes))?)
+    }
+
+    // ---- commands ----
+
+    /// Handles the commands that wait, up to a bound; true means stop.
+    fn obey(&mut self, inbox: &mut mpsc::Receiver<Command>) -> Result<bool, Error> {
+        for _ in 0..caps::COMMANDS_PER_TURN {
+            let Ok(command) = inbox.try_recv() else { break };
+            if self.handle(command)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn handle(&mut self, command: Command) -> Result<bool, Error> {
+        let now = self.now();
+        match command {
+            Command::Join { newcomer, outbox, reply } => {
+                tracing::info!(host = newcomer.host, pid = newcomer.pid, robots = newcomer.robots, "actor joined");
+                let joined = self.seats.join(newcomer, outbox, now);
+                let actor = joined.as_ref().ok().copied();
+                if let (Err(_), Some(actor)) = (reply.send(joined), actor) {
+                    self.leave(actor);
+                }
+            }
+            Command::Transitions { actor, work, attempt, first, batch } => {
+                self.seats.seen(actor, now);
+                let claim = Claim { actor, work, attempt };
+                let staged = self.ledger.transitions(&claim, first, &batch, now);
+                self.answer(claim, staged);
+            }
+            Command::Finished { actor, work, attempt, outcome } => {
+                self.seats.seen(actor, now);
+                self.seats.finished(actor, &outcome);
+                let claim = Claim { actor, work, attempt };
+                let finished = self.ledger.finish(&claim, outcome);
+                self.answer(claim, finished);
+            }
+            Command::Reject { actor, work, attempt, reason } => {
+                self.seats.seen(actor, now);
+                self.refuse(Claim { actor, work, attempt }, reason);
+            }
+            Command::Heartbeat { actor, beat } => {
+                self.seats.seen(actor, now);
+                self.seats.beat(actor, beat);
+            }
+            Command::Leave { actor } => self.leave(actor),
+            Command::Status(reply) => {
+                let _ = reply.send(self.status());
+            }
+            Command::Checkpoint(reply) => {
+                self.finish_digest()?;
+                let saved = self.save_checkpoint();
+                let _ = reply.send(saved.as_ref().map(Clone::clone).map_err(ToString::to_string));
+                saved?;
+            }
+            Command::Stop(reply) => {
+                self.phase = "stopping";
+                self.finish_digest()?;
+                let (episodes, _) = self.save_checkpoint()?;
+                if let Some(reply) = reply {
+                    let _ = reply.send(episodes);
+                }
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn answer(&mut self, claim: Claim, result: Result<(), Refusal>) {
+        if let Err(refusal) = result {
+            tracing::debug!(%refusal, "refused a message");
+            self.refuse(claim, refusal.reason.to_string());
+        }
+    }
+
+    /// Tells an actor that something was not taken, and gives the episode to somebody else if it held the lease.
+    fn refuse(&mut self, claim: Claim, reason: String) {
+        self.ledger.surrender(&claim);
+        self.tell(claim.actor, Notice::Refused { work: claim.work, attempt: claim.attempt, reason });
+    }
+
+    fn tell(&mut self, actor: u64, notice: Notice) {
+        if !self.seats.tell(actor, notice) {
+            self.leave(actor);
+        }
+    }
+
+    fn leave(&mut self, actor: u64) {
+        let freed = self.ledger.release(actor);
+        self.seats.leave(actor);
+        tracing::info!(actor, episodes = freed.len(), "actor left, its episodes are free again");
+    }
+
+    // ---- leases and housekeeping ----
+
+    /// Gives every free robot the most urgent work.
+    fn offer_leases(&mut self) -> Result<(), Error> {
+        let now = self.now();
+        for (actor, robots) in self.seats.robots() {
+            while self.ledger.leases_of(actor) < robots as usize {
+                let Some(lease) = self.ledger.lease(actor, now)? else { return Ok(()) };
+                let random = matches!(lease.work, Work::Episode(e) if e < self.config.exploration.warmup_episodes);
+                let order = Order {
+                    work: lease.work,
+                    attempt: lease.attempt,
+                    seed: lease.work.seed(self.seed),
+                    policy_version: lease.version,
+                    sigma: lease.sigma,
+                    random,
+                };
+                if !self.seats.tell(actor, Notice::Lease(order)) {
+                    self.leave(actor);
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn keep_house(&mut self) {
+        let now = self.now();
+        for actor in self.seats.silent(now) {
+            tracing::warn!(actor, "actor is silent");
+            self.leave(actor);
+        }
+        for (actor, work) in self.ledger.expire(now) {
+            tracing::warn!(actor, %work, "no progress, leased to another");
+            let reason = "no progress in time, the lease was taken back".to_owned();
+            self.tell(actor, Notice::Refused { work, attempt: 0, reason });
+        }
+        self.sample_rates(now);
+    }
+
+    /// Saves everything, tells everybody, and answers questions a little longer.
+    fn bid_farewell(
+        mut self,
+        inbox: &mut mpsc::Receiver<Command>,
+        runtime: &tokio::runtime::Handle,
+    ) -> Result<Ended, Error> {
+        self.phase = "complete";
+        self.save_checkpoint()?;
+        self.seats.tell_all(&Notice::RunComplete);
+        let (least, most) = FAREWELL_SECS;
+        let since = self.now();
+        while self.now() - since < least || (self.seats.len() > 0 && self.now() - since < most) {
+            let wait = async { tokio::time::timeout(IDLE_WAIT, inbox.recv()).await };
+            match runtime.block_on(wait) {
+                Ok(Some(command)) if self.handle(command)? => break,
+                Ok(None) => break,
+                _ => {}
+            }
+        }
+        Ok(Ended::Complete)
+    }
+
+    fn now(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+}
