@@ -41,6 +41,8 @@ pub const ACTOR_QUEUE: usize = 256;
 pub const REFUSALS_PER_ACTOR: u32 = 16;
 /// How often one episode is leased before the run stops: beyond it the episode itself is at fault.
 pub const LEASES_PER_EPISODE: u32 = 100;
+/// Evaluations that may be unfinished when a new episode is leased; beyond it episodes wait for them.
+pub const EVALUATIONS_BEHIND: usize = 8;
 /// Episodes that the journal may hold.
 pub const EPISODES: u64 = 1 << 40;
 /// Bytes of one journal record.

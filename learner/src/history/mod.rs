@@ -1,0 +1,12 @@
+//! The durable history of a run: who runs which episode, what is committed, and how that survives a crash.
+//!
+//! `ledger` decides, `journal` keeps what was decided, `checkpoint` shortens the way back, `epoch` makes sure that
+//! one learner at a time writes. The ledger does no I/O and knows no clock; the others touch their directory only.
+
+pub mod commits;
+pub mod ledger;
+pub mod record;
+pub mod refusal;
+
+#[cfg(test)]
+mod ledger_chaos;
