@@ -18,30 +18,8 @@ use herd_common::caps;
 use herd_common::config::run::{Exploration, Order};
 use herd_common::episode::{Ending, Outcome};
 use herd_common::transition::Batch;
+use herd_common::work::Work;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
-
-/// Something an actor can be asked to run. Sorted by urgency.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Work {
-    /// The training episode of this number.
-    Episode(u64),
-    /// One evaluation episode: no noise, nothing learnt from it.
-    Evaluation {
-        /// The policy on trial.
-        version: u64,
-        /// Which of the evaluation's episodes, from 0.
-        index: u64,
-    },
-}
-
-impl std::fmt::Display for Work {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Episode(episode) => write!(f, "episode {episode}"),
-            Self::Evaluation { version, index } => write!(f, "evaluation {index} of version {version}"),
-        }
-    }
-}
 
 /// The right and duty to run something.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -243,6 +221,14 @@ impl Ledger {
         self.take_back(|held| held.actor == actor).into_iter().map(|(_, work)| work).collect()
     }
 
+    /// Gives up the lease that a claim names; nothing happens when it does not hold.
+    pub fn surrender(&mut self, claim: &Claim) {
+        if self.held(claim).is_ok() {
+            self.entries.entry(claim.work).or_default().state = State::Free;
+            self.free.insert(claim.work);
+        }
+    }
+
     /// Takes back every lease without progress for longer than the patience; returns who had what.
     pub fn expire(&mut self, now: f64) -> Vec<(u64, Work)> {
         let patience = self.rules.lease_secs;
@@ -287,13 +273,29 @@ impl Ledger {
         Some((version, outcomes))
     }
 
+    /// Takes in a commit that the journal holds already; nothing may be leased yet.
+    pub fn recommit(&mut self, episode: u64) {
+        self.commits.insert(episode);
+        self.next = (self.next..).find(|e| !self.commits.contains(*e)).expect("episode numbers do not run out");
+    }
+
+    /// Takes in an evaluation that the journal holds already.
+    pub fn reevaluate(&mut self, version: u64) {
+        self.drop_evaluation(version);
+        self.evaluated = self.evaluated.max(Some(version));
+    }
+
     /// Gives up the evaluations of policies that no longer exist, after a restart with other settings.
     pub fn forgo_evaluations(&mut self, has_policy: impl Fn(u64) -> bool) {
         for version in self.due.iter().copied().filter(|v| !has_policy(*v)).collect::<Vec<_>>() {
-            self.due.remove(&version);
-            self.entries.retain(|work, _| !Self::evaluation_range(version).contains(work));
-            self.free.retain(|work| !Self::evaluation_range(version).contains(work));
+            self.drop_evaluation(version);
         }
+    }
+
+    fn drop_evaluation(&mut self, version: u64) {
+        self.due.remove(&version);
+        self.entries.retain(|work, _| !Self::evaluation_range(version).contains(work));
+        self.free.retain(|work| !Self::evaluation_range(version).contains(work));
     }
 
     /// Changes how many episodes the run is to have and returns what holds: at least those leased so far.
@@ -335,7 +337,7 @@ impl Ledger {
                     State::Leased(held) => Some(held.version),
                     State::Free | State::Finished(_) => None,
                 };
-                self.entries.range(..Work::FIRST_EVALUATION).filter_map(|(_, e)| held(e)).fold(self.published, u64::min)
+                self.entries.range(..FIRST_EVALUATION).filter_map(|(_, e)| held(e)).fold(self.published, u64::min)
             }
         };
         version >= oldest || self.due.contains(&version)
@@ -432,9 +434,8 @@ impl Ledger {
     }
 }
 
-impl Work {
-    const FIRST_EVALUATION: Self = Self::Evaluation { version: 0, index: 0 };
-}
+/// Evaluations sort behind every episode.
+const FIRST_EVALUATION: Work = Work::Evaluation { version: 0, index: 0 };
 
 #[cfg(test)]
 mod tests {
@@ -673,5 +674,17 @@ mod tests {
         assert_eq!(ledger.set_target(2), 2);
         assert!(!ledger.is_complete());
         assert_eq!(run_all(&mut ledger), [Work::Episode(1)]);
+    }
+
+    #[test]
+    fn a_surrendered_lease_is_free_for_others_and_a_foreign_claim_frees_nothing() {
+        let mut ledger = ledger(Order::Deterministic, 4, 8);
+        let (claim, _) = lease(&mut ledger, 1).expect("free");
+        ledger.surrender(&Claim { actor: 2, ..claim });
+        ledger.surrender(&Claim { attempt: 9, ..claim });
+        assert_eq!(ledger.leases_of(1), 1);
+        ledger.surrender(&claim);
+        assert_eq!(ledger.leases_of(1), 0);
+        assert_eq!(lease(&mut ledger, 2).map(|(claim, _)| (claim.work, claim.attempt)), Some((claim.work, 2)));
     }
 }

@@ -4,7 +4,8 @@
 //! knows from the outside what must hold whatever happens; then the faults stop and the run must complete.
 
 use super::commits::Commits;
-use super::ledger::{Ledger, Rules, Work};
+use super::ledger::{Ledger, Rules};
+use herd_common::work::Work;
 use super::record::Committed;
 use super::refusal::{Claim, Reason};
 use herd_common::config::run::{Exploration, Order};

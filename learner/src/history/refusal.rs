@@ -1,6 +1,6 @@
 //! Why a message about a lease is refused, told with both sides: what was claimed and what the ledger holds.
 
-use super::ledger::Work;
+use herd_common::work::Work;
 use herd_common::{caps, transition};
 
 /// What an actor says its message belongs to.

@@ -5,7 +5,6 @@ use crate::ddpg::Update;
 use crate::history::record::Committed;
 use crate::metrics::{EpisodeLine, LossFields, OutcomeFields};
 use crate::{export, shelf::Shelf};
-use herd_common::caps;
 use herd_common::config::ddpg;
 use herd_common::policy::{Policy, Provenance};
 use std::sync::Arc;
@@ -124,18 +123,14 @@ impl Trainer {
         let begun = Instant::now();
         let update = self.ddpg.update(&self.replay)?;
         self.busy_secs += begun.elapsed().as_secs_f64();
-        self.note_losses(&update)
+        self.note_losses(&update);
+        Ok(())
     }
 
-    fn note_losses(&mut self, update: &Update) -> Result<(), Error> {
+    fn note_losses(&mut self, update: &Update) {
         if update.skipped {
-            self.skipped_in_a_row += 1;
-            if self.skipped_in_a_row >= caps::SKIPPED_UPDATES {
-                return Err(Error::Diverged(self.skipped_in_a_row));
-            }
-            return Ok(());
+            return;
         }
-        self.skipped_in_a_row = 0;
         let losses = &mut self.tally.losses;
         losses.critic = f64::from(update.critic_loss);
         losses.value = f64::from(update.mean_value);
@@ -150,6 +145,5 @@ impl Trainer {
                 digest.actor.add(actor);
             }
         }
-        Ok(())
     }
 }

@@ -25,7 +25,7 @@ use digest::Digest;
 use herd_common::config::{Config, run::Durability};
 use herd_common::seed::Seed;
 use herd_common::work::{Order, Work};
-use herd_common::{caps, policy};
+use herd_common::caps;
 use history::refusal::{Claim, Refusal};
 use seats::Seats;
 use std::sync::Arc;
@@ -55,17 +55,14 @@ pub enum Error {
     #[error(transparent)]
     Ddpg(#[from] ddpg::Error),
     /// What was learned is not a policy.
-    #[error("learned policy: {0}")]
-    Policy(#[from] policy::Error),
+    #[error(transparent)]
+    Export(#[from] crate::export::Error),
     /// An episode that no actor finishes.
     #[error(transparent)]
     Exhausted(#[from] history::ledger::Exhausted),
     /// Another learner took over the run directory.
     #[error("another learner was started on this run directory, so this one (epoch {0}) ends")]
     Fenced(u64),
-    /// Learning produces no finite numbers.
-    #[error("{0} updates in a row gave numbers that are not finite: learning has diverged")]
-    Diverged(u32),
 }
 
 /// The state of a run. See the module's drawing for who feeds whom.
@@ -86,7 +83,6 @@ pub struct Trainer {
     shelf: watch::Sender<Arc<Shelf>>,
     /// The commit that is being learned from.
     digest: Option<Digest>,
-    skipped_in_a_row: u32,
     checkpointed: Checkpointed,
     seats: Seats,
     meter: Meter,
