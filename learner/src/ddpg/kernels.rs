@@ -1,0 +1,168 @@
+//! The element-wise steps of the networks, in place on candle tensors and in the widest registers of the machine.
+//!
+//! Each element's result depends on that element alone, and no multiplication is fused with an addition, so the width of
+//! the registers does not show in the bits.
+
+use candle_core::{CpuStorage, InplaceOp2, Layout, Result, Tensor, bail};
+
+/// What follows a layer's sum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Activation {
+    /// Nothing.
+    Linear,
+    /// max(0, y)
+    Relu,
+    /// tanh y
+    Tanh,
+}
+
+/// `y ← f(y + b)`; y is `[rows, n]`, b is `[n]`.
+pub(super) struct AddBias(pub(super) Activation);
+
+impl InplaceOp2 for AddBias {
+    fn name(&self) -> &'static str {
+        "add-bias"
+    }
+
+    fn cpu_fwd(&self, y: &mut CpuStorage, y_at: &Layout, b: &CpuStorage, b_at: &Layout) -> Result<()> {
+        let (y, b) = (slice_mut(y, y_at)?, slice(b, b_at)?);
+        let activation = self.0;
+        pulp::Arch::new().dispatch(|| {
+            for row in y.chunks_exact_mut(b.len()) {
+                match activation {
+                    Activation::Linear => row.iter_mut().zip(b).for_each(|(y, b)| *y += b),
+                    Activation::Relu => row.iter_mut().zip(b).for_each(|(y, b)| *y = relu(*y + b)),
+                    Activation::Tanh => row.iter_mut().zip(b).for_each(|(y, b)| *y = (*y + b).tanh()),
+                }
+            }
+        });
+        Ok(())
+    }
+}
+
+/// `d ← d · f′`, with f′ told from f's value y; d and y have one shape.
+pub(super) struct Slope(pub(super) Activation);
+
+impl InplaceOp2 for Slope {
+    fn name(&self) -> &'static str {
+        "slope"
+    }
+
+    fn cpu_fwd(&self, d: &mut CpuStorage, d_at: &Layout, y: &CpuStorage, y_at: &Layout) -> Result<()> {
+        let (d, y) = (slice_mut(d, d_at)?, slice(y, y_at)?);
+        let activation = self.0;
+        pulp::Arch::new().dispatch(|| match activation {
+            Activation::Linear => (),
+            Activation::Relu => d.iter_mut().zip(y).for_each(|(d, y)| *d = if *y > 0.0 { *d } else { 0.0 }),
+            Activation::Tanh => d.iter_mut().zip(y).for_each(|(d, y)| *d *= 1.0 - y * y),
+        });
+        Ok(())
+    }
+}
+
+/// max(0, y) that lets NaN through, so that a poisoned weight cannot hide behind it.
+#[inline]
+fn relu(y: f32) -> f32 {
+    if y < 0.0 { 0.0 } else { y }
+}
+
+/// Σ x² over a contiguous tensor, in an order fixed by index.
+pub(super) fn sum_of_squares(x: &Tensor) -> Result<f32> {
+    const LANES: usize = 32;
+    let (storage, layout) = x.storage_and_layout();
+    let candle_core::Storage::Cpu(storage) = &*storage else { bail!("sum of squares of a tensor off the CPU") };
+    let x = slice(storage, layout)?;
+    let mut sums = [0.0_f32; LANES];
+    pulp::Arch::new().dispatch(|| {
+        for chunk in x.chunks_exact(LANES) {
+            for (sum, x) in sums.iter_mut().zip(chunk) {
+                *sum += x * x;
+            }
+        }
+    });
+    let tail: f32 = x.chunks_exact(LANES).remainder().iter().map(|x| x * x).sum();
+    Ok(sums.iter().sum::<f32>() + tail)
+}
+
+/// The numbers of a contiguous f32 tensor.
+pub(super) fn slice<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
+    let range = contiguous(layout)?;
+    match storage {
+        CpuStorage::F32(numbers) => Ok(&numbers[range]),
+        _ => bail!("a tensor that is not f32"),
+    }
+}
+
+/// The numbers of a contiguous f32 tensor, to be written.
+pub(super) fn slice_mut<'a>(storage: &'a mut CpuStorage, layout: &Layout) -> Result<&'a mut [f32]> {
+    let range = contiguous(layout)?;
+    match storage {
+        CpuStorage::F32(numbers) => Ok(&mut numbers[range]),
+        _ => bail!("a tensor that is not f32"),
+    }
+}
+
+fn contiguous(layout: &Layout) -> Result<std::ops::Range<usize>> {
+    match layout.contiguous_offsets() {
+        Some((start, end)) => Ok(start..end),
+        None => bail!("a tensor of layout {layout:?}, expected a contiguous one"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use candle_core::Device;
+
+    fn tensor(values: &[f32], shape: (usize, usize)) -> Tensor {
+        Tensor::from_slice(values, shape, &Device::Cpu).unwrap()
+    }
+
+    fn numbers(tensor: &Tensor) -> Vec<f32> {
+        tensor.flatten_all().unwrap().to_vec1().unwrap()
+    }
+
+    #[test]
+    fn bias_and_activation() {
+        let b = Tensor::new(&[0.5_f32, -1.0], &Device::Cpu).unwrap();
+        for (activation, expected) in [
+            (Activation::Linear, [1.5, -3.0, -0.5, 2.0]),
+            (Activation::Relu, [1.5, 0.0, 0.0, 2.0]),
+            (Activation::Tanh, [1.5_f32.tanh(), (-3.0_f32).tanh(), (-0.5_f32).tanh(), 2.0_f32.tanh()]),
+        ] {
+            let y = tensor(&[1.0, -2.0, -1.0, 3.0], (2, 2));
+            y.inplace_op2(&b, &AddBias(activation)).unwrap();
+            assert_eq!(numbers(&y), expected, "{activation:?}");
+        }
+    }
+
+    #[test]
+    fn slopes() {
+        let y = tensor(&[0.0, 0.5, 2.0, 0.0], (2, 2));
+        for (activation, expected) in [
+            (Activation::Linear, [1.0, 2.0, 3.0, 4.0]),
+            (Activation::Relu, [0.0, 2.0, 3.0, 0.0]),
+            (Activation::Tanh, [1.0, 1.5, -9.0, 4.0]),
+        ] {
+            let d = tensor(&[1.0, 2.0, 3.0, 4.0], (2, 2));
+            d.inplace_op2(&y, &Slope(activation)).unwrap();
+            assert_eq!(numbers(&d), expected, "{activation:?}");
+        }
+    }
+
+    #[test]
+    fn squares_and_what_is_not_finite() {
+        for n in [0, 1, 31, 32, 33, 100] {
+            let x: Vec<f32> = (0..n).map(|i| i as f32).collect();
+            let expected: f32 = x.iter().map(|x| x * x).sum();
+            assert_eq!(sum_of_squares(&tensor(&x, (1, n))).unwrap(), expected, "{n}");
+        }
+        for bad in [f32::NAN, f32::INFINITY] {
+            assert!(!sum_of_squares(&tensor(&[1.0, bad], (1, 2))).unwrap().is_finite());
+            let y = tensor(&[bad], (1, 1));
+            y.inplace_op2(&Tensor::zeros(1, candle_core::DType::F32, &Device::Cpu).unwrap(), &AddBias(Activation::Relu))
+                .unwrap();
+            assert!(!numbers(&y)[0].is_finite(), "ReLU hides {bad}");
+        }
+    }
+}

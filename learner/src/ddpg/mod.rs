@@ -1,0 +1,22 @@
+//! DDPG on candle (paper eqs 6–9), with the parts of TD3 that tame its overestimation.
+//!
+//! `Ddpg::update` is one step of learning: sample, both losses' gradients at the same weights, then every weight, moment
+//! and target copy in one pass. The backward pass is written out, because a graph of tensors costs as much as the
+//! matrix products it records; a test holds it equal to candle's autograd.
+//!
+//! Bits: everything runs on the calling thread in a fixed order, and update k draws from `seed.child("update", k)`, so a
+//! learner's future is a function of its snapshot and of the replay memory.
+
+mod error;
+mod kernels;
+mod losses;
+mod networks;
+mod optimizer;
+mod snapshot;
+#[cfg(test)]
+mod tests;
+mod update;
+
+pub use error::Error;
+pub use snapshot::{Counters, Record, Snapshot};
+pub use update::{Ddpg, Dims, Update};

@@ -1,0 +1,331 @@
+//! A fully connected network with its target copy and its moments: four rows of one candle tensor.
+//!
+//! | symbol | name | shape |
+//! |---|---|---|
+//! | θ, θ′, m, v | weights, target weights, Adam's moments | `[parameters]` each, the rows of `arena` |
+//! | W, b | weight and bias of a layer, views into a row | `[inputs, outputs]`, `[outputs]` |
+//! | x, y | input and output of a layer, y = f(x W + b) | `[batch, inputs]`, `[batch, outputs]` |
+//! | δ | ∂loss/∂(x W + b) | `[batch, outputs]` |
+//!
+//! Hidden layers are ReLU. W stands input-major, so that the forward pass, of which there are most, reads it as the
+//! matrix kernel wants it. No graph is recorded: `deltas`, `gradients` and `input_gradient` are the backward pass.
+
+use super::kernels::{Activation, AddBias, Slope};
+use candle_core::{Device, Result, Tensor};
+use herd_common::seed::Seed;
+use rand::{Rng, RngExt};
+
+/// The rows of a network's arena.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Row {
+    /// θ, what is learned.
+    Online,
+    /// θ′, which follows slowly.
+    Target,
+    /// m, Adam's mean of gradients.
+    Mean,
+    /// v, Adam's mean of squared gradients.
+    Square,
+}
+
+impl Row {
+    /// All rows, in the order of the arena.
+    pub(super) const ALL: [Self; 4] = [Self::Online, Self::Target, Self::Mean, Self::Square];
+
+    /// The name in snapshots.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Online => "online",
+            Self::Target => "target",
+            Self::Mean => "mean",
+            Self::Square => "square",
+        }
+    }
+}
+
+/// One weight or bias: where it stands in a row, and its shape there.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Span {
+    /// Such as `0.weight`.
+    pub(super) name: String,
+    /// First number within the row.
+    pub(super) start: usize,
+    /// `[inputs, outputs]` or `[outputs]`.
+    pub(super) shape: Vec<usize>,
+}
+
+impl Span {
+    /// Numbers in it.
+    pub(super) fn len(&self) -> usize {
+        self.shape.iter().product()
+    }
+}
+
+/// What the last layer and the start look like.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Head {
+    /// Activation of the last layer.
+    pub(super) activation: Activation,
+    /// The last layer starts uniform within ± this.
+    pub(super) init: f64,
+}
+
+#[derive(Debug)]
+struct Layer {
+    weight: Tensor,
+    bias: Tensor,
+    activation: Activation,
+}
+
+/// A network, its target copy and its moments.
+#[derive(Debug)]
+pub(super) struct Network {
+    arena: Tensor,
+    spans: Vec<Span>,
+    online: Vec<Layer>,
+    target: Vec<Layer>,
+}
+
+/// What a forward pass leaves for the backward pass.
+#[derive(Debug)]
+pub(super) struct Pass {
+    /// Input of every layer.
+    inputs: Vec<Tensor>,
+    /// Output of the last.
+    pub(super) output: Tensor,
+}
+
+impl Network {
+    /// A network of these widths (input first): uniform within ±1/√inputs, the last layer within ±`head.init`.
+    pub(super) fn new(widths: &[usize], head: Head, seed: Seed) -> Result<Self> {
+        assert!(widths.len() >= 2, "a network has an input and an output");
+        let spans = spans(widths);
+        let last = widths.len() - 2;
+        let mut rng = seed.rng();
+        let mut row = Vec::new();
+        for (i, span) in spans.iter().enumerate() {
+            let layer = i / 2;
+            let bound = if layer == last { head.init } else { 1.0 / (widths[layer] as f64).sqrt() };
+            row.extend((0..span.len()).map(|_| uniform(bound as f32, &mut rng)));
+        }
+        let n = row.len();
+        let mut numbers = row.repeat(2);
+        numbers.resize(4 * n, 0.0);
+        let arena = Tensor::from_vec(numbers, 4 * n, &Device::Cpu)?;
+        let layers = |row| layers(&arena, &spans, row, head.activation);
+        Ok(Self { online: layers(Row::Online)?, target: layers(Row::Target)?, arena, spans })
+    }
+
+    /// The weights and biases in order, input first.
+    pub(super) fn spans(&self) -> &[Span] {
+        &self.spans
+    }
+
+    /// All rows in one tensor, `[4 · parameters]`.
+    pub(super) fn arena(&self) -> &Tensor {
+        &self.arena
+    }
+
+    /// The numbers of one weight or bias.
+    pub(super) fn read(&self, row: Row, span: &Span) -> Result<Vec<f32>> {
+        view(&self.arena, parameters(&self.spans), row, span)?.flatten_all()?.to_vec1()
+    }
+
+    /// Carries `x` `[batch, inputs]` through the network of this row.
+    pub(super) fn forward(&self, row: Row, x: &Tensor) -> Result<Pass> {
+        let layers = if row == Row::Target { &self.target } else { &self.online };
+        let mut inputs = Vec::with_capacity(layers.len());
+        let mut x = x.clone();
+        for layer in layers {
+            let y = x.matmul(&layer.weight)?;
+            y.inplace_op2(&layer.bias, &AddBias(layer.activation))?;
+            inputs.push(std::mem::replace(&mut x, y));
+        }
+        Ok(Pass { inputs, output: x })
+    }
+
+    /// δ of every layer, from the loss's gradient in the online output; `output_gradient` is overwritten.
+    pub(super) fn deltas(&self, pass: &Pass, output_gradient: Tensor) -> Result<Vec<Tensor>> {
+        let mut delta = output_gradient;
+        let mut deltas = Vec::with_capacity(self.online.len());
+        for (i, layer) in self.online.iter().enumerate().rev() {
+            let output = pass.inputs.get(i + 1).unwrap_or(&pass.output);
+            delta.inplace_op2(output, &Slope(layer.activation))?;
+            let below = if i > 0 { Some(delta.matmul(&layer.weight.t()?)?) } else { None };
+            deltas.push(delta);
+            let Some(below) = below else { break };
+            delta = below;
+        }
+        deltas.reverse();
+        Ok(deltas)
+    }
+
+    /// The gradient of every weight and bias, in the order of `spans`, from the first `rows` of the batch.
+    pub(super) fn gradients(&self, pass: &Pass, deltas: &[Tensor], rows: usize) -> Result<Vec<Tensor>> {
+        let ones = Tensor::ones((1, rows), candle_core::DType::F32, &Device::Cpu)?;
+        let mut gradients = Vec::with_capacity(self.spans.len());
+        for (input, delta) in pass.inputs.iter().zip(deltas) {
+            let delta = delta.narrow(0, 0, rows)?;
+            gradients.push(input.narrow(0, 0, rows)?.t()?.matmul(&delta)?);
+            gradients.push(ones.matmul(&delta)?);
+        }
+        Ok(gradients)
+    }
+
+    /// ∂loss/∂input for the rows from `first_row` on and the columns from `first_column` on.
+    pub(super) fn input_gradient(&self, deltas: &[Tensor], first_row: usize, first_column: usize) -> Result<Tensor> {
+        let (delta, weight) = (&deltas[0], &self.online[0].weight);
+        let delta = delta.narrow(0, first_row, delta.dim(0)? - first_row)?;
+        delta.matmul(&weight.narrow(0, first_column, weight.dim(0)? - first_column)?.t()?)
+    }
+}
+
+/// Numbers in one row.
+pub(super) fn parameters(spans: &[Span]) -> usize {
+    spans.iter().map(Span::len).sum()
+}
+
+fn spans(widths: &[usize]) -> Vec<Span> {
+    let mut spans: Vec<Span> = Vec::new();
+    for (i, pair) in widths.windows(2).enumerate() {
+        for (kind, shape) in [("weight", vec![pair[0], pair[1]]), ("bias", vec![pair[1]])] {
+            spans.push(Span { name: format!("{i}.{kind}"), start: parameters(&spans), shape });
+        }
+    }
+    spans
+}
+
+fn view(arena: &Tensor, parameters: usize, row: Row, span: &Span) -> Result<Tensor> {
+    arena.narrow(0, row as usize * parameters + span.start, span.len())?.reshape(span.shape.as_slice())
+}
+
+fn layers(arena: &Tensor, spans: &[Span], row: Row, last: Activation) -> Result<Vec<Layer>> {
+    let count = spans.len() / 2;
+    let view = |span| view(arena, parameters(spans), row, span);
+    spans
+        .chunks_exact(2)
+        .enumerate()
+        .map(|(i, pair)| {
+            let activation = if i + 1 == count { last } else { Activation::Relu };
+            Ok(Layer { weight: view(&pair[0])?, bias: view(&pair[1])?, activation })
+        })
+        .collect()
+}
+
+fn uniform(bound: f32, rng: &mut impl Rng) -> f32 {
+    bound * rng.random_range(-1.0_f32..=1.0)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use candle_core::{DType, Var};
+
+    /// The online network by candle's own recorded operations.
+    pub(crate) fn recorded_forward(vars: &[Var], x: &Tensor, last: Activation) -> Tensor {
+        let count = vars.len() / 2;
+        let mut x = x.clone();
+        for (i, pair) in vars.chunks_exact(2).enumerate() {
+            x = x.matmul(&pair[0]).unwrap().broadcast_add(&pair[1]).unwrap();
+            x = match if i + 1 == count { last } else { Activation::Relu } {
+                Activation::Linear => x,
+                Activation::Relu => x.relu().unwrap(),
+                Activation::Tanh => x.tanh().unwrap(),
+            };
+        }
+        x
+    }
+
+    /// The online weights as variables of candle's autograd.
+    pub(crate) fn variables(network: &Network) -> Vec<Var> {
+        let var = |span: &Span| {
+            let numbers = network.read(Row::Online, span).unwrap();
+            Var::from_tensor(&Tensor::from_vec(numbers, span.shape.as_slice(), &Device::Cpu).unwrap()).unwrap()
+        };
+        network.spans().iter().map(var).collect()
+    }
+
+    /// Fails unless `found` is within 1e-4 of `expected`, relative to its largest number.
+    #[track_caller]
+    pub(crate) fn assert_close(what: &str, found: &Tensor, expected: &Tensor) {
+        let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        let (found, expected) = (numbers(found), numbers(expected));
+        assert_eq!(found.len(), expected.len(), "{what}");
+        let scale = expected.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
+        assert!(scale > 0.0, "{what} is all zero, which tests nothing");
+        for (i, (f, e)) in found.iter().zip(&expected).enumerate() {
+            assert!((f - e).abs() <= 1e-4 * scale, "{what}[{i}] is {f}, candle's is {e} (scale {scale})");
+        }
+    }
+
+    pub(crate) fn random(shape: (usize, usize), seed: u64) -> Tensor {
+        let mut rng = Seed::from_number(seed).rng();
+        let numbers: Vec<f32> = (0..shape.0 * shape.1).map(|_| uniform(1.0, &mut rng)).collect();
+        Tensor::from_vec(numbers, shape, &Device::Cpu).unwrap()
+    }
+
+    fn check(widths: &[usize], activation: Activation, batch: usize) {
+        let network = Network::new(widths, Head { activation, init: 0.5 }, Seed::from_number(3)).unwrap();
+        let (inputs, outputs) = (widths[0], widths[widths.len() - 1]);
+        let x = Var::from_tensor(&random((batch, inputs), 4)).unwrap();
+        let factor = random((batch, outputs), 5);
+        let vars = variables(&network);
+        let y = recorded_forward(&vars, &x, activation);
+        let store = (y.clone() * &factor).unwrap().sum_all().unwrap().backward().unwrap();
+
+        let pass = network.forward(Row::Online, x.as_tensor()).unwrap();
+        assert_close("output", &pass.output, &y);
+        let deltas = network.deltas(&pass, factor.copy().unwrap()).unwrap();
+        let gradients = network.gradients(&pass, &deltas, batch).unwrap();
+        assert_eq!(gradients.len(), vars.len());
+        for ((span, gradient), var) in network.spans().iter().zip(&gradients).zip(&vars) {
+            assert_close(&span.name, gradient, store.get(var).unwrap());
+        }
+        let input = store.get(&x).unwrap();
+        assert_close("input", &network.input_gradient(&deltas, 0, 0).unwrap(), input);
+        let corner = input.narrow(0, batch / 2, batch - batch / 2).unwrap().narrow(1, 1, inputs - 1).unwrap();
+        assert_close("corner", &network.input_gradient(&deltas, batch / 2, 1).unwrap(), &corner);
+    }
+
+    #[test]
+    fn backward_matches_autograd() {
+        check(&[5, 7, 6, 3], Activation::Tanh, 4);
+        check(&[6, 33, 1], Activation::Linear, 9);
+        check(&[60, 128, 64, 1], Activation::Linear, 64);
+        check(&[3, 2], Activation::Tanh, 5);
+    }
+
+    #[test]
+    fn gradients_of_some_rows_ignore_the_others() {
+        let network = Network::new(&[4, 8, 1], Head { activation: Activation::Linear, init: 0.5 }, Seed::from_number(3));
+        let network = network.unwrap();
+        let (top, both) = (random((3, 4), 1), random((3, 4), 2));
+        let both = Tensor::cat(&[&top, &both], 0).unwrap();
+        let gradients = |x: &Tensor| {
+            let pass = network.forward(Row::Online, x).unwrap();
+            let ones = Tensor::ones((x.dim(0).unwrap(), 1), DType::F32, &Device::Cpu).unwrap();
+            let deltas = network.deltas(&pass, ones).unwrap();
+            network.gradients(&pass, &deltas, 3).unwrap()
+        };
+        for (found, expected) in gradients(&both).iter().zip(&gradients(&top)) {
+            assert_close("gradient", found, expected);
+        }
+    }
+
+    #[test]
+    fn starts_within_bounds_with_an_equal_target() {
+        let head = Head { activation: Activation::Tanh, init: 3e-3 };
+        let network = Network::new(&[16, 100, 10, 2], head, Seed::from_number(1)).unwrap();
+        for (i, span) in network.spans().iter().enumerate() {
+            let bound = [0.25, 0.1, 3e-3][i / 2];
+            let online = network.read(Row::Online, span).unwrap();
+            let largest = online.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
+            assert!(largest <= bound && largest > 0.5 * bound, "{}: {largest} of {bound}", span.name);
+            assert_eq!(network.read(Row::Target, span).unwrap(), online);
+            assert!(network.read(Row::Mean, span).unwrap().iter().all(|m| *m == 0.0));
+        }
+        let other = Network::new(&[16, 100, 10, 2], head, Seed::from_number(2)).unwrap();
+        let first = &network.spans()[0];
+        assert_ne!(other.read(Row::Online, first).unwrap(), network.read(Row::Online, first).unwrap());
+    }
+}

@@ -1,0 +1,130 @@
+//! A learner as plain data: everything but configuration, seed and replay memory that its next update depends on.
+//!
+//! Tensors come in a fixed order and are named `{network}.{row}.{layer}.{weight or bias}`: network `actor`, `critic0` or
+//! `critic1`; row `online`, `target`, `mean` or `square` (Adam's moments). A weight is `[inputs, outputs]`.
+
+use super::error::Error;
+use super::networks::{Network, Row};
+use super::update::Ddpg;
+use candle_core::{CpuStorage, InplaceOp1, Layout};
+use serde::{Deserialize, Serialize};
+
+/// One tensor of a snapshot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Record {
+    /// Its name, as in the module's description.
+    pub name: String,
+    /// Lengths of its dimensions.
+    pub shape: Vec<usize>,
+    /// Its numbers, the last dimension fastest.
+    pub values: Vec<f32>,
+}
+
+/// The numbers of a learner that are not tensors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Counters {
+    /// Updates, skipped ones included; also the number of the next update's branch of the seed tree.
+    pub updates: u64,
+    /// Updates skipped.
+    pub skipped: u64,
+    /// Updates skipped since the last that was not.
+    pub skipped_in_row: u32,
+    /// Adam's steps of the critics.
+    pub critic_steps: u64,
+    /// Adam's steps of the actor.
+    pub actor_steps: u64,
+}
+
+/// A learner as plain data.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot {
+    /// What is not a tensor.
+    pub counters: Counters,
+    /// What is.
+    pub records: Vec<Record>,
+}
+
+impl Ddpg {
+    /// All that the next update depends on, but for configuration, seed and replay memory.
+    pub fn save(&self) -> Result<Snapshot, Error> {
+        let mut records = Vec::new();
+        for (name, network) in self.networks() {
+            for row in Row::ALL {
+                for span in network.spans() {
+                    let name = format!("{name}.{}.{}", row.name(), span.name);
+                    records.push(Record { name, shape: span.shape.clone(), values: network.read(row, span)? });
+                }
+            }
+        }
+        Ok(Snapshot { counters: self.counters, records })
+    }
+
+    /// Goes on where `snapshot` was taken. On an error nothing has changed.
+    pub fn load(&mut self, snapshot: &Snapshot) -> Result<(), Error> {
+        let mut records = snapshot.records.iter();
+        let mut arenas = Vec::new();
+        for (name, network) in self.networks() {
+            let mut numbers = Vec::new();
+            for row in Row::ALL {
+                for span in network.spans() {
+                    let name = format!("{name}.{}.{}", row.name(), span.name);
+                    numbers.extend_from_slice(expect(records.next(), &name, &span.shape)?);
+                }
+            }
+            arenas.push(numbers);
+        }
+        if let Some(extra) = records.next() {
+            return Err(Error::Snapshot { found: describe(&extra.name, &extra.shape), expected: "no more tensors".into() });
+        }
+        for ((_, network), numbers) in self.networks().zip(arenas) {
+            network.arena().inplace_op1(&Overwrite(numbers))?;
+        }
+        self.counters = snapshot.counters;
+        Ok(())
+    }
+
+    fn networks(&self) -> impl Iterator<Item = (String, &Network)> {
+        let critics = self.critics.iter().enumerate().map(|(i, critic)| (format!("critic{i}"), critic));
+        std::iter::once(("actor".to_owned(), &self.actor)).chain(critics)
+    }
+}
+
+/// Refuses numbers that are not finite.
+pub(super) fn check_finite(record: &str, values: &[f32]) -> Result<(), Error> {
+    match values.iter().position(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(Error::NotFinite { record: record.into(), index, value: values[index] }),
+    }
+}
+
+fn expect<'a>(record: Option<&'a Record>, name: &str, shape: &[usize]) -> Result<&'a [f32], Error> {
+    let expected = || describe(name, shape);
+    let Some(record) = record else {
+        return Err(Error::Snapshot { found: "no more tensors".into(), expected: expected() });
+    };
+    let fits = record.values.len() == shape.iter().product::<usize>();
+    if record.name != name || record.shape != shape || !fits {
+        let found = format!("{} with {} numbers", describe(&record.name, &record.shape), record.values.len());
+        return Err(Error::Snapshot { found, expected: expected() });
+    }
+    check_finite(name, &record.values)?;
+    Ok(&record.values)
+}
+
+fn describe(name: &str, shape: &[usize]) -> String {
+    format!("tensor {name} {shape:?}")
+}
+
+struct Overwrite(Vec<f32>);
+
+impl InplaceOp1 for Overwrite {
+    fn name(&self) -> &'static str {
+        "overwrite"
+    }
+
+    fn cpu_fwd(&self, storage: &mut CpuStorage, layout: &Layout) -> candle_core::Result<()> {
+        super::kernels::slice_mut(storage, layout)?.copy_from_slice(&self.0);
+        Ok(())
+    }
+}

@@ -1,0 +1,262 @@
+//! Tests of the learner as a whole: gradients against autograd, bits, snapshots, faults, and learning itself.
+
+use super::networks::tests::{assert_close, recorded_forward, variables};
+use super::networks::{Network, Row};
+use super::update::{Batch, Ddpg, Dims, Update};
+use super::{Error, losses, kernels::Activation};
+use crate::replay::{Minibatch, Replay};
+use candle_core::Tensor;
+use herd_common::config;
+use herd_common::seed::Seed;
+use herd_common::transition;
+use rand::RngExt;
+
+const DIMS: Dims = Dims { observation: 5, action: 2 };
+const PLAIN: [&str; 3] = ["ddpg.twin_critic=false", "ddpg.actor_every=1", "ddpg.smoothing_sigma=0"];
+const TD3: [&str; 3] = ["ddpg.twin_critic=true", "ddpg.actor_every=2", "ddpg.smoothing_sigma=0.2"];
+
+fn config(sets: &[&str]) -> config::ddpg::Config {
+    let small = ["ddpg.hidden=[32, 16]", "ddpg.batch_size=16", "ddpg.output_init=0.1"];
+    let sets: Vec<String> = small.iter().chain(sets).map(|&set| set.to_owned()).collect();
+    config::Config::default().overridden(&sets).expect("valid settings").ddpg
+}
+
+fn learner(sets: &[&str]) -> Ddpg {
+    Ddpg::new(&config(sets), DIMS, Seed::from_number(5)).unwrap()
+}
+
+/// Transitions whose every number is uniform in [−1, 1]; each fourth is a true ending.
+fn random_replay(n: usize, dims: Dims) -> Replay {
+    let mut rng = Seed::from_number(6).rng();
+    let mut column = |width: usize| (0..n * width).map(|_| rng.random_range(-1.0_f32..1.0)).collect();
+    let mut replay = Replay::new(n, dims.observation, dims.action);
+    replay.push(&transition::Batch {
+        action_dim: dims.action,
+        observations: column(dims.observation),
+        actions: column(dims.action),
+        rewards: column(1),
+        discounts: (0..n).map(|i| if i % 4 == 0 { 0.0 } else { 0.9 }).collect(),
+        next_observations: column(dims.observation),
+    });
+    replay
+}
+
+/// Every number of the learner, as bits.
+fn bits(ddpg: &Ddpg) -> Vec<u32> {
+    ddpg.save().unwrap().records.iter().flat_map(|record| record.values.iter().map(|x| x.to_bits())).collect()
+}
+
+fn run(ddpg: &mut Ddpg, replay: &Replay, updates: usize) -> Vec<Update> {
+    (0..updates).map(|_| ddpg.update(replay).unwrap()).collect()
+}
+
+#[test]
+fn gradients_match_autograd() {
+    for sets in [PLAIN, TD3] {
+        let mut ddpg = learner(&sets);
+        let replay = random_replay(200, DIMS);
+        // Some updates first, so that target and online networks differ; the next one moves the actor.
+        run(&mut ddpg, &replay, 3);
+        let mut minibatch = Minibatch::default();
+        replay.sample_into(16, &mut Seed::from_number(7).rng(), &mut minibatch);
+        let batch = Batch::new(&minibatch, DIMS, ddpg.config.reward_scale).unwrap();
+        let y = ddpg.targets(&batch, &mut Seed::from_number(8).rng()).unwrap();
+        let found = ddpg.findings(&batch, &y, true).unwrap();
+
+        let mut critic_loss = 0.0;
+        for (critic, gradient) in ddpg.critics.iter().zip(&found.critics) {
+            let vars = variables(critic);
+            let values = recorded_forward(&vars, &batch.state_actions, Activation::Linear);
+            let loss = losses::critic(&values, &y).unwrap();
+            critic_loss += loss.to_scalar::<f32>().unwrap() / ddpg.critics.len() as f32;
+            let store = loss.backward().unwrap();
+            for ((span, gradient), var) in critic.spans().iter().zip(gradient.tensors()).zip(&vars) {
+                assert_close(&span.name, gradient, store.get(var).unwrap());
+            }
+        }
+        assert!((found.update.critic_loss - critic_loss).abs() < 1e-5 * critic_loss);
+
+        let (actor, critic) = (variables(&ddpg.actor), variables(&ddpg.critics[0]));
+        let actions = recorded_forward(&actor, &batch.observations, Activation::Tanh);
+        let inputs = Tensor::cat(&[&batch.observations, &actions], 1).unwrap();
+        let loss = losses::actor(&recorded_forward(&critic, &inputs, Activation::Linear)).unwrap();
+        assert!((found.update.actor_loss.unwrap() - loss.to_scalar::<f32>().unwrap()).abs() < 1e-5);
+        let store = loss.backward().unwrap();
+        let gradient = found.actor.unwrap();
+        for ((span, gradient), var) in ddpg.actor.spans().iter().zip(gradient.tensors()).zip(&actor) {
+            assert_close(&format!("actor.{}", span.name), gradient, store.get(var).unwrap());
+        }
+    }
+}
+
+#[test]
+fn targets_take_the_lower_critic_at_a_clipped_action() {
+    let replay = random_replay(64, DIMS);
+    let mut minibatch = Minibatch::default();
+    replay.sample_into(64, &mut Seed::from_number(7).rng(), &mut minibatch);
+    let numbers = |t: Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+    let value = |critic: &Network, actions: &Tensor, batch: &Batch| {
+        let inputs = Tensor::cat(&[&batch.next_observations, actions], 1).unwrap();
+        numbers(critic.forward(Row::Target, &inputs).unwrap().output)
+    };
+
+    let still = learner(&["ddpg.twin_critic=true", "ddpg.smoothing_sigma=0", "ddpg.output_init=1.0"]);
+    let batch = Batch::new(&minibatch, DIMS, 0.5).unwrap();
+    let y = numbers(still.targets(&batch, &mut Seed::from_number(1).rng()).unwrap());
+    let actions = still.actor.forward(Row::Target, &batch.next_observations).unwrap().output;
+    let (one, two) = (value(&still.critics[0], &actions, &batch), value(&still.critics[1], &actions, &batch));
+    assert!(one.iter().zip(&two).any(|(a, b)| a < b) && one.iter().zip(&two).any(|(a, b)| a > b));
+    for i in 0..64 {
+        assert_eq!(y[i], 0.5 * minibatch.rewards[i] + minibatch.discounts[i] * one[i].min(two[i]));
+    }
+
+    let noisy = learner(&["ddpg.smoothing_sigma=0.5", "ddpg.smoothing_clip=0.25"]);
+    let noise = noisy.smoothing(10_000, &mut Seed::from_number(1).rng());
+    assert!(noise.iter().all(|x| x.abs() <= 0.25));
+    // P(|N(0, 0.5)| > 0.25) = 0.617
+    let clipped = noise.iter().filter(|x| x.abs() == 0.25).count();
+    assert!((5900..6450).contains(&clipped), "{clipped}");
+    assert_ne!(numbers(noisy.targets(&batch, &mut Seed::from_number(1).rng()).unwrap()), y);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits() {
+    for sets in [PLAIN, TD3] {
+        let replay = random_replay(300, DIMS);
+        let (mut one, mut two) = (learner(&sets), learner(&sets));
+        assert_eq!(run(&mut one, &replay, 50), run(&mut two, &replay, 50));
+        assert_eq!(bits(&one), bits(&two));
+        let mut other = Ddpg::new(&config(&sets), DIMS, Seed::from_number(9)).unwrap();
+        run(&mut other, &replay, 50);
+        assert_ne!(bits(&one), bits(&other));
+    }
+}
+
+#[test]
+fn a_loaded_learner_goes_on_bit_for_bit() {
+    for sets in [PLAIN, TD3] {
+        let replay = random_replay(300, DIMS);
+        let mut whole = learner(&sets);
+        run(&mut whole, &replay, 13);
+        let snapshot = whole.save().unwrap();
+        let rest = run(&mut whole, &replay, 20);
+        let mut resumed = learner(&sets);
+        run(&mut resumed, &replay, 3);
+        resumed.load(&snapshot).unwrap();
+        assert_eq!(resumed.save().unwrap(), snapshot);
+        assert_eq!(run(&mut resumed, &replay, 20), rest);
+        assert_eq!(bits(&resumed), bits(&whole));
+        assert_eq!(resumed.save().unwrap().counters, whole.save().unwrap().counters);
+    }
+}
+
+#[test]
+fn a_snapshot_of_other_networks_is_refused_untouched() {
+    let snapshot = learner(&PLAIN).save().unwrap();
+    let mut wide = learner(&["ddpg.hidden=[32, 17]"]);
+    let before = bits(&wide);
+    let error = wide.load(&snapshot).unwrap_err().to_string();
+    assert!(error.contains("tensor actor.online.1.weight [32, 16]") && error.contains("[32, 17]"), "{error}");
+    let mut twin = learner(&TD3);
+    let error = twin.load(&snapshot).unwrap_err().to_string();
+    assert!(error.contains("no more tensors, expected tensor critic1.online.0.weight"), "{error}");
+    let error = learner(&PLAIN).load(&twin.save().unwrap()).unwrap_err().to_string();
+    assert!(error.contains("expected no more tensors"), "{error}");
+    let mut poisoned = snapshot;
+    poisoned.records[3].values[1] = f32::NAN;
+    let error = learner(&PLAIN).load(&poisoned).unwrap_err().to_string();
+    assert_eq!(error, "actor.online.1.bias[1] is NaN, expected a finite number");
+    assert_eq!(bits(&wide), before);
+}
+
+#[test]
+fn an_update_that_is_not_finite_changes_nothing_and_is_counted() {
+    let mut ddpg = learner(&TD3);
+    let good = random_replay(100, DIMS);
+    run(&mut ddpg, &good, 4);
+    let before = bits(&ddpg);
+    // 1e30² overflows in the loss, and so it does in a critic that has learned nothing of the kind.
+    let mut bad = Replay::new(10, DIMS.observation, DIMS.action);
+    let mut batch = transition::Batch { action_dim: 2, ..Default::default() };
+    batch.observations = vec![0.5; 5];
+    batch.next_observations = vec![0.5; 5];
+    batch.actions = vec![0.5; 2];
+    batch.rewards = vec![1e30];
+    batch.discounts = vec![0.9];
+    bad.push(&batch);
+    assert!(ddpg.update(&bad).unwrap().skipped);
+    assert_eq!((ddpg.updates(), ddpg.skipped()), (5, 1));
+    assert_eq!(bits(&ddpg), before);
+    assert!(!ddpg.update(&good).unwrap().skipped);
+    let last = (0..herd_common::caps::SKIPPED_UPDATES).map(|_| ddpg.update(&bad)).last().unwrap();
+    assert!(matches!(last, Err(Error::Diverged { skipped: herd_common::caps::SKIPPED_UPDATES, update: 105 })));
+}
+
+#[test]
+fn replay_memories_that_do_not_fit_are_refused() {
+    let mut ddpg = learner(&PLAIN);
+    assert!(matches!(ddpg.update(&Replay::new(10, 5, 2)), Err(Error::EmptyReplay)));
+    let other = random_replay(10, Dims { observation: 5, action: 3 });
+    let error = ddpg.update(&other).unwrap_err().to_string();
+    assert_eq!(error, "replay memory has actions of length 3, the networks expect 2");
+}
+
+#[test]
+fn actor_and_targets_move_every_other_update_in_td3() {
+    let mut ddpg = learner(&TD3);
+    let replay = random_replay(100, DIMS);
+    let rows = |ddpg: &Ddpg, name: &str| -> Vec<f32> {
+        let records = ddpg.save().unwrap().records;
+        records.into_iter().filter(|record| record.name.starts_with(name)).flat_map(|record| record.values).collect()
+    };
+    for moves in [false, true, false, true] {
+        let before = ["actor.online", "actor.target", "critic1.target", "critic1.online"].map(|name| rows(&ddpg, name));
+        let update = ddpg.update(&replay).unwrap();
+        let after = ["actor.online", "actor.target", "critic1.target", "critic1.online"].map(|name| rows(&ddpg, name));
+        assert_eq!(update.actor_loss.is_some(), moves);
+        assert_eq!([0, 1, 2].map(|i| before[i] != after[i]), [moves; 3]);
+        assert_ne!(before[3], after[3]);
+    }
+}
+
+/// A point on a line: observation x, action a, x′ = clip(x + .4 a, −1, 1), reward 1 − 4 (x′ − .5)². Leaving −.8 on the
+/// low side is a fall: it ends the episode. The optimum steps towards .5 and stays there.
+fn point_mass(n: usize) -> Replay {
+    let mut rng = Seed::from_number(11).rng();
+    let mut batch = transition::Batch { action_dim: 1, ..Default::default() };
+    for _ in 0..n {
+        let (x, a) = (rng.random_range(-0.8_f32..1.0), rng.random_range(-1.0_f32..1.0));
+        let next = (x + 0.4 * a).clamp(-1.0, 1.0);
+        batch.observations.push(x);
+        batch.actions.push(a);
+        batch.next_observations.push(next);
+        batch.rewards.push(1.0 - 4.0 * (next - 0.5) * (next - 0.5));
+        batch.discounts.push(if next < -0.8 { 0.0 } else { 0.9 });
+    }
+    let mut replay = Replay::new(n, 1, 1);
+    replay.push(&batch);
+    replay
+}
+
+/// The largest |action − optimum| over the line.
+fn point_mass_error(ddpg: &Ddpg) -> f32 {
+    let error = |x: f32| (ddpg.act(&[x]).unwrap()[0] - ((0.5 - x) / 0.4).clamp(-1.0, 1.0)).abs();
+    (-16_i16..=20).map(|i| error(f32::from(i) / 20.0)).fold(0.0, f32::max)
+}
+
+#[test]
+fn both_algorithms_find_the_optimum_of_a_point_mass() {
+    for sets in [PLAIN, TD3] {
+        let learning = ["ddpg.target_rate=0.02", "ddpg.hidden=[64, 64]", "ddpg.batch_size=64", "ddpg.actor_rate=1e-3", "ddpg.reward_scale=1.0"];
+        let config = config(&[&sets[..], &learning].concat());
+        let mut ddpg = Ddpg::new(&config, Dims { observation: 1, action: 1 }, Seed::from_number(12)).unwrap();
+        let replay = point_mass(3000);
+        assert!(point_mass_error(&ddpg) > 0.8, "nothing to learn");
+        run(&mut ddpg, &replay, 3000);
+        let error = point_mass_error(&ddpg);
+        assert!(error < 0.25, "{sets:?}: {error}");
+        // Staying at the optimum earns 1 a step: 1 / (1 − .9) = 10, whatever overestimation would make of it.
+        let value = ddpg.value(&[0.5], &[0.0]).unwrap();
+        assert!((value - 10.0).abs() < 1.5, "{sets:?}: {value}");
+    }
+}

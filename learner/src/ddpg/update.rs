@@ -1,0 +1,314 @@
+//! One step of learning: paper eqs 6–9, with TD3's parts where the configuration asks for them.
+//!
+//! | symbol | name | shape |
+//! |---|---|---|
+//! | s, a, r, γ, s′ | a minibatch | `[n, observation]`, `[n, action]`, `[n, 1]`, `[n, 1]`, `[n, observation]` |
+//! | π, Q | actor, critic (one or two) | `[n, action]`, `[n, 1]` |
+//! | π′, Q′ | their target copies | the same |
+//!
+//! Both losses' gradients are taken at the same weights and applied together, so an update happens whole or not at
+//! all, and the critic meets (s, a) and (s, π(s)) in one batch. TD3 (Fujimoto et al. 2018): y uses the lower of two
+//! target critics at a′ = clip(π′(s′) + clip(noise)), and actor and targets move every `actor_every` updates.
+
+use super::error::Error;
+use super::kernels::Activation;
+use super::losses;
+use super::networks::{Head, Network, Pass, Row};
+use super::optimizer::{Gradient, Step, apply};
+use super::snapshot::Counters;
+use crate::replay::{Minibatch, Replay};
+use candle_core::{Device, Tensor};
+use herd_common::caps;
+use herd_common::config::ddpg::Config;
+use herd_common::policy::Layer;
+use herd_common::seed::Seed;
+use rand::{Rng, RngExt};
+use rand_distr::StandardNormal;
+
+/// Lengths of the spaces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dims {
+    /// Numbers in an observation.
+    pub observation: usize,
+    /// Numbers in an action.
+    pub action: usize,
+}
+
+/// What one update reports. Values and losses are in units of scaled reward.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Update {
+    /// Eq 6, averaged over the critics.
+    pub critic_loss: f32,
+    /// −mean Q(s, π(s)); only of updates that move the actor.
+    pub actor_loss: Option<f32>,
+    /// Mean Q(s, a) over the minibatch.
+    pub mean_value: f32,
+    /// A loss or gradient was not finite, so nothing was changed.
+    pub skipped: bool,
+}
+
+/// The learner's networks and all that they need to go on learning.
+#[derive(Debug)]
+pub struct Ddpg {
+    pub(super) config: Config,
+    pub(super) dims: Dims,
+    pub(super) seed: Seed,
+    pub(super) actor: Network,
+    pub(super) critics: Vec<Network>,
+    pub(super) counters: Counters,
+    minibatch: Minibatch,
+}
+
+/// A minibatch as tensors; see the module's table.
+pub(super) struct Batch {
+    len: usize,
+    pub(super) observations: Tensor,
+    pub(super) state_actions: Tensor,
+    rewards: Tensor,
+    discounts: Tensor,
+    pub(super) next_observations: Tensor,
+}
+
+/// Everything that one update found out before it changes a weight.
+pub(super) struct Findings {
+    pub(super) update: Update,
+    pub(super) critics: Vec<Gradient>,
+    pub(super) actor: Option<Gradient>,
+}
+
+impl Ddpg {
+    /// Fresh networks; every random number descends from `seed`.
+    ///
+    /// Turns off threads in the matrix kernels of this process: the trainer is one thread, and actors have the others.
+    pub fn new(config: &Config, dims: Dims, seed: Seed) -> Result<Self, Error> {
+        gemm::set_threading_threshold(usize::MAX);
+        let widths = |input, output| [&[input], config.hidden.as_slice(), &[output]].concat();
+        let head = |activation| Head { activation, init: config.output_init };
+        let actor = widths(dims.observation, dims.action);
+        let critic = widths(dims.observation + dims.action, 1);
+        let critics = if config.twin_critic { 2 } else { 1 };
+        Ok(Self {
+            config: config.clone(),
+            dims,
+            seed,
+            actor: Network::new(&actor, head(Activation::Tanh), seed.child("actor", 0))?,
+            critics: (0..critics)
+                .map(|i| Network::new(&critic, head(Activation::Linear), seed.child("critic", i)))
+                .collect::<Result<_, _>>()?,
+            counters: Counters::default(),
+            minibatch: Minibatch::default(),
+        })
+    }
+
+    /// Updates so far, skipped ones included.
+    pub fn updates(&self) -> u64 {
+        self.counters.updates
+    }
+
+    /// Updates skipped so far.
+    pub fn skipped(&self) -> u64 {
+        self.counters.skipped
+    }
+
+    /// Learns from one minibatch of `replay`.
+    ///
+    /// A loss or gradient that is not finite leaves all weights as they were; `caps::SKIPPED_UPDATES` of them in a row
+    /// are an error.
+    pub fn update(&mut self, replay: &Replay) -> Result<Update, Error> {
+        self.check(replay)?;
+        let mut rng = self.seed.child("update", self.counters.updates).rng();
+        replay.sample_into(self.config.batch_size, &mut rng, &mut self.minibatch);
+        self.counters.updates += 1;
+        let batch = Batch::new(&self.minibatch, self.dims, self.config.reward_scale)?;
+        let targets = self.targets(&batch, &mut rng)?;
+        let moves_actor = self.counters.updates.is_multiple_of(self.config.actor_every);
+        let mut found = self.findings(&batch, &targets, moves_actor)?;
+        found.update.skipped = !found.is_finite();
+        if found.update.skipped {
+            self.counters.skipped += 1;
+            self.counters.skipped_in_row += 1;
+            if self.counters.skipped_in_row >= caps::SKIPPED_UPDATES {
+                return Err(Error::Diverged {
+                    skipped: self.counters.skipped_in_row,
+                    update: self.counters.updates - 1,
+                });
+            }
+        } else {
+            self.counters.skipped_in_row = 0;
+            self.apply(&found)?;
+        }
+        Ok(found.update)
+    }
+
+    /// The actor's action for one observation, by candle.
+    pub fn act(&self, observation: &[f32]) -> Result<Vec<f32>, Error> {
+        let x = Tensor::from_slice(observation, (1, self.dims.observation), &Device::Cpu)?;
+        Ok(self.actor.forward(Row::Online, &x)?.output.flatten_all()?.to_vec1()?)
+    }
+
+    /// The first critic's Q(s, a), in units of scaled reward.
+    pub fn value(&self, observation: &[f32], action: &[f32]) -> Result<f32, Error> {
+        let width = self.dims.observation + self.dims.action;
+        let x = Tensor::from_vec([observation, action].concat(), (1, width), &Device::Cpu)?;
+        Ok(self.critics[0].forward(Row::Online, &x)?.output.flatten_all()?.to_vec1::<f32>()?[0])
+    }
+
+    /// The actor as plain data, every number finite.
+    pub fn policy_layers(&self) -> Result<Vec<Layer>, Error> {
+        let layer = |pair: &[super::networks::Span]| -> Result<Layer, Error> {
+            let (inputs, outputs) = (pair[0].shape[0], pair[0].shape[1]);
+            let [by_input, biases] = [&pair[0], &pair[1]].map(|span| self.actor.read(Row::Online, span));
+            let (by_input, biases) = (by_input?, biases?);
+            super::snapshot::check_finite(&format!("actor.{}", pair[0].name), &by_input)?;
+            super::snapshot::check_finite(&format!("actor.{}", pair[1].name), &biases)?;
+            let weights = (0..outputs).flat_map(|o| by_input.iter().skip(o).step_by(outputs).copied()).collect();
+            Ok(Layer { inputs, outputs, weights, biases })
+        };
+        self.actor.spans().chunks_exact(2).map(layer).collect()
+    }
+
+    fn check(&self, replay: &Replay) -> Result<(), Error> {
+        if replay.is_empty() {
+            return Err(Error::EmptyReplay);
+        }
+        for (what, found, expected) in [
+            ("observations", replay.observation_dim(), self.dims.observation),
+            ("actions", replay.action_dim(), self.dims.action),
+        ] {
+            if found != expected {
+                return Err(Error::Dims { what, found, expected });
+            }
+        }
+        Ok(())
+    }
+
+    /// Losses and gradients; changes nothing.
+    pub(super) fn findings(&self, batch: &Batch, targets: &Tensor, moves_actor: bool) -> Result<Findings, Error> {
+        let actor_pass = if moves_actor { Some(self.actor.forward(Row::Online, &batch.observations)?) } else { None };
+        let mut critics = Vec::with_capacity(self.critics.len());
+        let mut update = Update { critic_loss: 0.0, actor_loss: None, mean_value: 0.0, skipped: false };
+        let mut actor = None;
+        for (i, critic) in self.critics.iter().enumerate() {
+            // Only the first critic guides the actor.
+            let guided = actor_pass.as_ref().filter(|_| i == 0);
+            let judged = self.judge(critic, batch, targets, guided)?;
+            update.critic_loss += judged.loss / self.critics.len() as f32;
+            if i == 0 {
+                update.mean_value = judged.mean_value;
+            }
+            if let (Some(pass), Some((loss, action_gradient))) = (guided, judged.guidance) {
+                update.actor_loss = Some(loss);
+                let deltas = self.actor.deltas(pass, action_gradient)?;
+                actor = Some(Gradient::new(self.actor.gradients(pass, &deltas, batch.len)?)?);
+            }
+            critics.push(judged.gradient);
+        }
+        Ok(Findings { update, critics, actor })
+    }
+
+    /// y of eq 6, with TD3's smoothing and minimum.
+    pub(super) fn targets(&self, batch: &Batch, rng: &mut impl Rng) -> Result<Tensor, Error> {
+        let mut actions = self.actor.forward(Row::Target, &batch.next_observations)?.output;
+        if self.config.smoothing_sigma > 0.0 {
+            let noise = Tensor::from_vec(self.smoothing(actions.elem_count(), rng), actions.shape(), &Device::Cpu)?;
+            actions = (actions + noise)?.clamp(-1.0_f32, 1.0_f32)?;
+        }
+        let inputs = Tensor::cat(&[&batch.next_observations, &actions], 1)?;
+        let mut lowest: Option<Tensor> = None;
+        for critic in &self.critics {
+            let values = critic.forward(Row::Target, &inputs)?.output;
+            lowest = Some(lowest.map_or(Ok(values.clone()), |lowest| lowest.minimum(&values))?);
+        }
+        let next_values = lowest.expect("there is at least one critic");
+        Ok(losses::targets(&batch.rewards, &batch.discounts, &next_values)?)
+    }
+
+    /// Clipped Gaussian noise on target actions.
+    pub(super) fn smoothing(&self, count: usize, rng: &mut impl Rng) -> Vec<f32> {
+        let (sigma, clip) = (self.config.smoothing_sigma as f32, self.config.smoothing_clip as f32);
+        (0..count).map(|_| (sigma * rng.sample::<f32, _>(StandardNormal)).clamp(-clip, clip)).collect()
+    }
+
+    /// One critic's loss and gradient, and ∂(eq 7)/∂a at the actions of `guided`.
+    fn judge(&self, critic: &Network, batch: &Batch, y: &Tensor, guided: Option<&Pass>) -> Result<Judged, Error> {
+        let n = batch.len;
+        let inputs = match guided {
+            None => batch.state_actions.clone(),
+            Some(actor) => {
+                let own = Tensor::cat(&[&batch.observations, &actor.output], 1)?;
+                Tensor::cat(&[&batch.state_actions, &own], 0)?
+            }
+        };
+        let pass = critic.forward(Row::Online, &inputs)?;
+        let values = pass.output.narrow(0, 0, n)?;
+        let loss = losses::critic(&values, y)?.to_scalar()?;
+        let mean_value = values.mean_all()?.to_scalar()?;
+        let mut output_gradient = losses::critic_gradient(&values, y)?;
+        let mut actor_loss = None;
+        if guided.is_some() {
+            let own_values = pass.output.narrow(0, n, n)?;
+            actor_loss = Some(losses::actor(&own_values)?.to_scalar()?);
+            output_gradient = Tensor::cat(&[&output_gradient, &losses::actor_gradient(&own_values)?], 0)?;
+        }
+        let deltas = critic.deltas(&pass, output_gradient)?;
+        let guidance = match actor_loss {
+            Some(loss) => Some((loss, critic.input_gradient(&deltas, n, self.dims.observation)?)),
+            None => None,
+        };
+        let gradient = Gradient::new(critic.gradients(&pass, &deltas, n)?)?;
+        Ok(Judged { loss, mean_value, gradient, guidance })
+    }
+
+    fn apply(&mut self, found: &Findings) -> Result<(), Error> {
+        self.counters.critic_steps += 1;
+        let step = Step {
+            rate: self.config.critic_rate,
+            count: self.counters.critic_steps,
+            clip: self.config.gradient_clip,
+            target_rate: found.actor.is_some().then_some(self.config.target_rate),
+        };
+        for (critic, gradient) in self.critics.iter().zip(&found.critics) {
+            apply(critic, gradient, step)?;
+        }
+        if let Some(gradient) = &found.actor {
+            self.counters.actor_steps += 1;
+            let step = Step { rate: self.config.actor_rate, count: self.counters.actor_steps, ..step };
+            apply(&self.actor, gradient, step)?;
+        }
+        Ok(())
+    }
+}
+
+/// What one critic says about a minibatch.
+struct Judged {
+    loss: f32,
+    mean_value: f32,
+    gradient: Gradient,
+    /// The actor's loss and its gradient in the actor's actions.
+    guidance: Option<(f32, Tensor)>,
+}
+
+impl Findings {
+    fn is_finite(&self) -> bool {
+        let Update { critic_loss, actor_loss, mean_value, .. } = self.update;
+        let norms = self.critics.iter().chain(&self.actor).map(Gradient::norm);
+        [critic_loss, actor_loss.unwrap_or(0.0), mean_value].into_iter().chain(norms).all(f32::is_finite)
+    }
+}
+
+impl Batch {
+    pub(super) fn new(minibatch: &Minibatch, dims: Dims, reward_scale: f64) -> Result<Self, Error> {
+        let n = minibatch.len;
+        let tensor = |numbers: &[f32], width| Tensor::from_slice(numbers, (n, width), &Device::Cpu);
+        let observations = tensor(&minibatch.observations, dims.observation)?;
+        let actions = tensor(&minibatch.actions, dims.action)?;
+        Ok(Self {
+            len: n,
+            state_actions: Tensor::cat(&[&observations, &actions], 1)?,
+            observations,
+            rewards: tensor(&minibatch.rewards, 1)?.affine(reward_scale, 0.0)?,
+            discounts: tensor(&minibatch.discounts, 1)?,
+            next_observations: tensor(&minibatch.next_observations, dims.observation)?,
+        })
+    }
+}

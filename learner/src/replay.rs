@@ -1,0 +1,239 @@
+//! The replay memory: the newest `capacity` transitions, one row each, sampled uniformly.
+//!
+//! | part of a row | numbers |
+//! |---|---|
+//! | observation, next observation | `observation_dim` each |
+//! | action | `action_dim` |
+//! | reward, discount | 1 each |
+//!
+//! Rows stand in blocks that are allocated as the memory fills, so that growing copies nothing and a sample touches one
+//! place. A draw picks a transition by its age, never by its slot: a memory refilled from the journal's newest
+//! `capacity` transitions gives the same batches as one that has lived since the start.
+
+use herd_common::transition;
+use rand::{Rng, RngExt};
+
+/// Rows of one block; a power of two.
+const BLOCK_ROWS: usize = 4096;
+
+/// The newest transitions, first in, first out.
+#[derive(Clone, Debug)]
+pub struct Replay {
+    capacity: usize,
+    observation_dim: usize,
+    action_dim: usize,
+    /// Transitions held.
+    len: usize,
+    /// Slot of the oldest one; not 0 only once the memory is full.
+    oldest: usize,
+    blocks: Vec<Box<[f32]>>,
+}
+
+/// A minibatch as columns; its buffers are reused from one draw to the next.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Minibatch {
+    /// Transitions, n.
+    pub len: usize,
+    /// `[n, observation_dim]`
+    pub observations: Vec<f32>,
+    /// `[n, action_dim]`
+    pub actions: Vec<f32>,
+    /// `[n]`, as they were pushed
+    pub rewards: Vec<f32>,
+    /// `[n]`
+    pub discounts: Vec<f32>,
+    /// `[n, observation_dim]`
+    pub next_observations: Vec<f32>,
+}
+
+impl Replay {
+    /// An empty memory for `capacity` transitions of these lengths.
+    pub fn new(capacity: usize, observation_dim: usize, action_dim: usize) -> Self {
+        assert!(capacity > 0, "a replay memory holds at least one transition");
+        Self { capacity, observation_dim, action_dim, len: 0, oldest: 0, blocks: Vec::new() }
+    }
+
+    /// Transitions held.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// True until the first push.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Transitions that can be held.
+    pub fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    /// Length of one observation.
+    pub fn observation_dim(&self) -> usize {
+        self.observation_dim
+    }
+
+    /// Length of one action.
+    pub fn action_dim(&self) -> usize {
+        self.action_dim
+    }
+
+    /// Adds every transition of `batch` in order; each beyond the capacity replaces the oldest.
+    ///
+    /// The batch has been validated; columns of wrong lengths are a mistake of the program.
+    pub fn push(&mut self, batch: &transition::Batch) {
+        let (n, observation, action) = (batch.rewards.len(), self.observation_dim, self.action_dim);
+        assert_eq!(batch.observations.len(), n * observation, "observations of {n} transitions");
+        assert_eq!(batch.next_observations.len(), n * observation, "next observations of {n} transitions");
+        assert_eq!(batch.actions.len(), n * action, "actions of {n} transitions");
+        assert_eq!(batch.discounts.len(), n, "discounts of {n} transitions");
+        for i in 0..n {
+            let row = self.next_row();
+            let (seen, row) = row.split_at_mut(observation);
+            let (next, row) = row.split_at_mut(observation);
+            let (done, row) = row.split_at_mut(action);
+            seen.copy_from_slice(&batch.observations[i * observation..][..observation]);
+            next.copy_from_slice(&batch.next_observations[i * observation..][..observation]);
+            done.copy_from_slice(&batch.actions[i * action..][..action]);
+            row.copy_from_slice(&[batch.rewards[i], batch.discounts[i]]);
+        }
+    }
+
+    /// Draws `batch_size` transitions uniformly, with replacement; empty if the memory is.
+    pub fn sample_into(&self, batch_size: usize, rng: &mut impl Rng, into: &mut Minibatch) {
+        into.clear();
+        if self.is_empty() {
+            return;
+        }
+        for _ in 0..batch_size {
+            let age_rank = rng.random_range(0..self.len as u64) as usize;
+            self.copy_into(age_rank, into);
+        }
+    }
+
+    /// Appends the transition that `age_rank` others are older than.
+    fn copy_into(&self, age_rank: usize, into: &mut Minibatch) {
+        let slot = (self.oldest + age_rank) % self.capacity;
+        let width = self.row_width();
+        let row = &self.blocks[slot / BLOCK_ROWS][slot % BLOCK_ROWS * width..][..width];
+        let (observation, row) = row.split_at(self.observation_dim);
+        let (next_observation, row) = row.split_at(self.observation_dim);
+        let (action, row) = row.split_at(self.action_dim);
+        into.len += 1;
+        into.observations.extend_from_slice(observation);
+        into.next_observations.extend_from_slice(next_observation);
+        into.actions.extend_from_slice(action);
+        into.rewards.push(row[0]);
+        into.discounts.push(row[1]);
+    }
+
+    /// Makes room for one more transition, at the cost of the oldest if need be.
+    fn next_row(&mut self) -> &mut [f32] {
+        let slot = if self.len < self.capacity {
+            self.len += 1;
+            self.len - 1
+        } else {
+            let slot = self.oldest;
+            self.oldest = (slot + 1) % self.capacity;
+            slot
+        };
+        let width = self.row_width();
+        if slot / BLOCK_ROWS == self.blocks.len() {
+            let rows = BLOCK_ROWS.min(self.capacity - slot);
+            self.blocks.push(vec![0.0; rows * width].into_boxed_slice());
+        }
+        &mut self.blocks[slot / BLOCK_ROWS][slot % BLOCK_ROWS * width..][..width]
+    }
+
+    fn row_width(&self) -> usize {
+        2 * self.observation_dim + self.action_dim + 2
+    }
+}
+
+impl Minibatch {
+    fn clear(&mut self) {
+        self.len = 0;
+        for column in [&mut self.observations, &mut self.actions, &mut self.next_observations] {
+            column.clear();
+        }
+        self.rewards.clear();
+        self.discounts.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use herd_common::seed::Seed;
+    use proptest::prelude::*;
+
+    /// Transitions numbered from `first`; every number of transition i tells i, so that a mixed-up row shows.
+    fn numbered(first: usize, n: usize) -> transition::Batch {
+        let ids: Vec<f32> = (first..first + n).map(|i| i as f32).collect();
+        let column = |width: usize, offset: f32| ids.iter().flat_map(|i| vec![i + offset; width]).collect();
+        transition::Batch {
+            action_dim: 2,
+            observations: column(3, 0.0),
+            actions: column(2, 0.125),
+            rewards: column(1, 0.25),
+            discounts: column(1, 0.5),
+            next_observations: column(3, 0.75),
+        }
+    }
+
+    fn draw(replay: &Replay, n: usize, seed: u64) -> Minibatch {
+        let mut batch = Minibatch::default();
+        replay.sample_into(n, &mut Seed::from_number(seed).rng(), &mut batch);
+        batch
+    }
+
+    proptest! {
+        #[test]
+        fn only_the_newest_are_drawn_and_rows_stay_whole(
+            capacity in 1_usize..10_000,
+            pushes in prop::collection::vec(0_usize..5_000, 0..5),
+            seed in any::<u64>(),
+        ) {
+            let mut replay = Replay::new(capacity, 3, 2);
+            let mut pushed = 0;
+            for n in pushes {
+                replay.push(&numbered(pushed, n));
+                pushed += n;
+            }
+            prop_assert_eq!(replay.len(), pushed.min(capacity));
+            let batch = draw(&replay, 50, seed);
+            prop_assert_eq!(batch.len, if pushed == 0 { 0 } else { 50 });
+            for (i, id) in batch.observations.iter().step_by(3).enumerate() {
+                prop_assert!((pushed - replay.len()..pushed).contains(&(*id as usize)), "{} of {}", id, pushed);
+                let row = numbered(*id as usize, 1);
+                prop_assert_eq!(&batch.observations[i * 3..i * 3 + 3], &row.observations[..]);
+                prop_assert_eq!(&batch.actions[i * 2..i * 2 + 2], &row.actions[..]);
+                prop_assert_eq!(batch.rewards[i], row.rewards[0]);
+                prop_assert_eq!(batch.discounts[i], row.discounts[0]);
+                prop_assert_eq!(&batch.next_observations[i * 3..i * 3 + 3], &row.next_observations[..]);
+            }
+        }
+
+        #[test]
+        fn draws_depend_on_what_is_held_not_on_what_came_before(before in 0_usize..9_000, seed in any::<u64>()) {
+            let (mut old, mut young) = (Replay::new(5_000, 3, 2), Replay::new(5_000, 3, 2));
+            old.push(&numbered(0, before));
+            old.push(&numbered(before, 5_000));
+            young.push(&numbered(before, 5_000));
+            prop_assert_eq!(draw(&old, 64, seed), draw(&young, 64, seed));
+        }
+    }
+
+    #[test]
+    fn every_transition_is_as_likely() {
+        let mut replay = Replay::new(50, 3, 2);
+        replay.push(&numbered(0, 120));
+        let mut counts = [0_u32; 50];
+        for id in draw(&replay, 100_000, 1).observations.iter().step_by(3) {
+            counts[*id as usize - 70] += 1;
+        }
+        // χ² with 49 degrees of freedom exceeds 94 once in 10 000 fair draws.
+        let chi2: f64 = counts.iter().map(|n| (f64::from(*n) - 2000.0).powi(2) / 2000.0).sum();
+        assert!(chi2 < 94.0, "{chi2} from {counts:?}");
+    }
+}
