@@ -42,7 +42,7 @@ pub struct Batch {
 }
 
 /// Why a batch of transitions is refused.
-#[derive(Debug, thiserror::Error, PartialEq)]
+#[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum Error {
     /// A column has the wrong length.
     #[error("{column} has {found} numbers, expected {expected} for {count} transitions")]

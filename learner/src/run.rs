@@ -1,13 +1,13 @@
 //! A learner from start to end: open the run, listen, train, serve, leave everything tidy.
 
 use crate::ddpg::{self, Ddpg, Dims};
-use crate::history::{self, epoch::Epoch};
+use crate::export;
+use crate::history::epoch::{self, Epoch};
 use crate::run_dir::{self, RunDir, write_whole};
 use crate::service::{self, Context};
 use crate::shelf::Shelf;
 use crate::trainer::command::{Command, Handle};
 use crate::trainer::{self, Ended, Trainer};
-use crate::export;
 use herd_common::config::Config;
 use herd_common::policy::{Policy, Provenance};
 use herd_common::seed::Seed;
@@ -40,9 +40,9 @@ pub enum Error {
     /// Configuration or run directory.
     #[error(transparent)]
     RunDir(#[from] run_dir::Error),
-    /// Journal, checkpoint or epoch.
+    /// The epoch.
     #[error(transparent)]
-    History(#[from] history::Error),
+    Epoch(#[from] epoch::Error),
     /// The trainer.
     #[error(transparent)]
     Trainer(#[from] trainer::Error),
@@ -58,7 +58,9 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The address can be reached by others.
-    #[error("refusing to listen on {0}: other machines can reach it and herd speaks without encryption or password; add --insecure if the network is trusted")]
+    #[error(
+        "refusing to listen on {0}: other machines can reach it and herd speaks without encryption or password; add --insecure if the network is trusted"
+    )]
     Exposed(SocketAddr),
     /// The gRPC server.
     #[error(transparent)]
@@ -104,9 +106,8 @@ pub async fn run(options: Options, shutdown: CancellationToken) -> Result<Ended,
         return Err(Error::Exposed(options.listen));
     }
     let config = effective_config(Some(&options.run_dir), options.config_file.as_deref(), &options.sets)?;
-    let listener = TcpListener::bind(options.listen)
-        .await
-        .map_err(|source| Error::Listen { address: options.listen, source })?;
+    let listener =
+        TcpListener::bind(options.listen).await.map_err(|source| Error::Listen { address: options.listen, source })?;
     let dir = RunDir::open(&options.run_dir, &config)?;
     let epoch = Epoch::take(dir.root())?;
     let address = Address::announce(&dir, &listener)?;
@@ -145,7 +146,11 @@ pub async fn run(options: Options, shutdown: CancellationToken) -> Result<Ended,
 }
 
 /// The configuration that these words mean: over the run's own when it exists, else over the default.
-pub fn effective_config(run_dir: Option<&Path>, file: Option<&Path>, sets: &[String]) -> Result<Config, run_dir::Error> {
+pub fn effective_config(
+    run_dir: Option<&Path>,
+    file: Option<&Path>,
+    sets: &[String],
+) -> Result<Config, run_dir::Error> {
     let stored = run_dir.map(|path| RunDir::at(path).stored_config()).transpose()?.flatten();
     match (stored, file) {
         (Some(stored), None) => Ok(stored.overridden(sets)?),
@@ -157,8 +162,8 @@ pub fn effective_config(run_dir: Option<&Path>, file: Option<&Path>, sets: &[Str
 pub fn peek(run_dir: &Path) -> Result<Option<Progress>, Error> {
     let dir = RunDir::at(run_dir);
     let Some(config) = dir.stored_config()? else { return Ok(None) };
-    let newest = history::checkpoint::load_newest(&dir.checkpoints(), &config.run_name())?;
-    Ok(newest.map(|found| Progress { episodes: found.checkpoint.progress.commits, target: config.episodes }))
+    let commits = trainer::commits_in_checkpoint(&dir, &config.run_name())?;
+    Ok(commits.map(|episodes| Progress { episodes, target: config.episodes }))
 }
 
 /// The policy that a run with this configuration starts from.

@@ -45,7 +45,9 @@ pub enum Error {
         found: String,
     },
     /// It holds another run.
-    #[error("run directory {path:?} holds another run, these keys differ: {differences}; choose another --run-dir, or drop the options")]
+    #[error(
+        "run directory {path:?} holds another run, these keys differ: {differences}; choose another --run-dir, or drop the options"
+    )]
     OtherRun {
         /// Which directory.
         path: PathBuf,
@@ -159,7 +161,8 @@ fn refuse_other_run(path: &Path, stored: &Config, ours: &Config) -> Result<(), E
         .filter(|(key, ..)| !free(key))
         .map(|(key, there, here)| format!("{key}: {there} there, {here} here"))
         .collect();
-    let differences = if differences.is_empty() { "none, but the build does".to_owned() } else { differences.join("; ") };
+    let differences =
+        if differences.is_empty() { "none, but the build does".to_owned() } else { differences.join("; ") };
     Err(Error::OtherRun { path: path.to_owned(), differences })
 }
 

@@ -160,8 +160,11 @@ mod tests {
         for bad in [f32::NAN, f32::INFINITY] {
             assert!(!sum_of_squares(&tensor(&[1.0, bad], (1, 2))).unwrap().is_finite());
             let y = tensor(&[bad], (1, 1));
-            y.inplace_op2(&Tensor::zeros(1, candle_core::DType::F32, &Device::Cpu).unwrap(), &AddBias(Activation::Relu))
-                .unwrap();
+            y.inplace_op2(
+                &Tensor::zeros(1, candle_core::DType::F32, &Device::Cpu).unwrap(),
+                &AddBias(Activation::Relu),
+            )
+            .unwrap();
             assert!(!numbers(&y)[0].is_finite(), "ReLU hides {bad}");
         }
     }

@@ -67,7 +67,8 @@ mod tests {
     #[test]
     fn gradients_match_differences_and_autograd() {
         let (q, y) = ([2.5_f32, 1.0], column([3.0, -3.0]));
-        let gradients = [critic_gradient(&column(q), &y).unwrap(), actor_gradient(&column(q)).unwrap()].map(|g| numbers(&g));
+        let gradients =
+            [critic_gradient(&column(q), &y).unwrap(), actor_gradient(&column(q)).unwrap()].map(|g| numbers(&g));
         let losses: [&dyn Fn(&Tensor) -> Tensor; 2] = [&|q| critic(q, &y).unwrap(), &|q| actor(q).unwrap()];
         for (loss, gradient) in losses.iter().zip(&gradients) {
             let var = Var::from_tensor(&column(q)).unwrap();

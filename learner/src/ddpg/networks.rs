@@ -297,7 +297,8 @@ pub(super) mod tests {
 
     #[test]
     fn gradients_of_some_rows_ignore_the_others() {
-        let network = Network::new(&[4, 8, 1], Head { activation: Activation::Linear, init: 0.5 }, Seed::from_number(3));
+        let network =
+            Network::new(&[4, 8, 1], Head { activation: Activation::Linear, init: 0.5 }, Seed::from_number(3));
         let network = network.unwrap();
         let (top, both) = (random((3, 4), 1), random((3, 4), 2));
         let both = Tensor::cat(&[&top, &both], 0).unwrap();

@@ -148,7 +148,8 @@ mod tests {
     }
 
     fn gradient(network: &Network, seed: u64) -> (Gradient, Vec<f64>) {
-        let tensors: Vec<Tensor> = network.spans().iter().map(|span| random((1, span.len()), seed + span.start as u64)).collect();
+        let tensors: Vec<Tensor> =
+            network.spans().iter().map(|span| random((1, span.len()), seed + span.start as u64)).collect();
         let numbers = tensors.iter().flat_map(|t| t.flatten_all().unwrap().to_vec1::<f32>().unwrap());
         let numbers = numbers.map(f64::from).collect();
         (Gradient::new(tensors).unwrap(), numbers)

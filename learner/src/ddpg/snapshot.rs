@@ -75,7 +75,10 @@ impl Ddpg {
             arenas.push(numbers);
         }
         if let Some(extra) = records.next() {
-            return Err(Error::Snapshot { found: describe(&extra.name, &extra.shape), expected: "no more tensors".into() });
+            return Err(Error::Snapshot {
+                found: describe(&extra.name, &extra.shape),
+                expected: "no more tensors".into(),
+            });
         }
         for ((_, network), numbers) in self.networks().zip(arenas) {
             network.arena().inplace_op1(&Overwrite(numbers))?;

@@ -3,7 +3,7 @@
 use super::networks::tests::{assert_close, recorded_forward, variables};
 use super::networks::{Network, Row};
 use super::update::{Batch, Ddpg, Dims, Update};
-use super::{Error, losses, kernels::Activation};
+use super::{Error, kernels::Activation, losses};
 use crate::replay::{Minibatch, Replay};
 use candle_core::Tensor;
 use herd_common::config;
@@ -247,7 +247,13 @@ fn point_mass_error(ddpg: &Ddpg) -> f32 {
 #[test]
 fn both_algorithms_find_the_optimum_of_a_point_mass() {
     for sets in [PLAIN, TD3] {
-        let learning = ["ddpg.target_rate=0.02", "ddpg.hidden=[64, 64]", "ddpg.batch_size=64", "ddpg.actor_rate=1e-3", "ddpg.reward_scale=1.0"];
+        let learning = [
+            "ddpg.target_rate=0.02",
+            "ddpg.hidden=[64, 64]",
+            "ddpg.batch_size=64",
+            "ddpg.actor_rate=1e-3",
+            "ddpg.reward_scale=1.0",
+        ];
         let config = config(&[&sets[..], &learning].concat());
         let mut ddpg = Ddpg::new(&config, Dims { observation: 1, action: 1 }, Seed::from_number(12)).unwrap();
         let replay = point_mass(3000);

@@ -27,7 +27,9 @@ impl Training for Service {
             0.0 => Duration::from_secs(1),
             secs if (0.1..=3600.0).contains(&secs) => Duration::from_secs_f64(secs),
             secs => {
-                return Err(Status::invalid_argument(format!("period_secs is {secs}, expected 0.1 to 3600, or 0 for 1")));
+                return Err(Status::invalid_argument(format!(
+                    "period_secs is {secs}, expected 0.1 to 3600, or 0 for 1"
+                )));
             }
         };
         let Context { trainer, shutdown, .. } = self.0.clone();

@@ -7,10 +7,11 @@
 use super::seats::Seats;
 use super::tally::{Meter, Tally};
 use super::{Checkpointed, Error, Trainer};
-use crate::history::checkpoint::{self, Checkpoint};
+use crate::ddpg;
+use crate::history::checkpoint::{self, Checkpoint, Tensor};
 use crate::history::commits::Commits;
 use crate::history::epoch::Epoch;
-use crate::history::journal::Journal;
+use crate::history::journal::{Journal, Position};
 use crate::history::ledger::{Ledger, Rules};
 use crate::history::record::Record;
 use crate::metrics::Lines;
@@ -27,15 +28,13 @@ use std::sync::Arc;
 use std::time::Instant;
 use tokio::sync::watch;
 
-/// The part of a checkpoint that only the trainer reads.
-#[derive(Debug, Serialize, Deserialize)]
+/// The small state of a run that only the trainer reads.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Memo {
-    /// Journal records that the checkpoint includes.
-    records: u64,
     metrics_bytes: u64,
     evaluations_bytes: u64,
-    counters: crate::ddpg::Counters,
+    counters: ddpg::Counters,
     tally: Tally,
 }
 
@@ -44,18 +43,21 @@ impl Trainer {
     #[expect(clippy::disallowed_methods, reason = "the one clock of the trainer: waits and what people are shown")]
     pub fn restore(config: Config, dir: RunDir, epoch: Epoch, shelf: watch::Sender<Arc<Shelf>>) -> Result<Self, Error> {
         let run = config.run_name();
-        let (journal, recovery) = Journal::open(&dir.journal(), &run)?;
+        let (mut journal, recovery) = Journal::open(&dir.journal(), &run, epoch.number())?;
         if recovery.torn_bytes > 0 {
             tracing::warn!(bytes = recovery.torn_bytes, "the journal's last record was torn and is cut");
         }
-        let checkpoint = load_newest(&dir, &run)?;
-        let memo: Option<Memo> = checkpoint.as_ref().map(memo_of).transpose()?;
-        let records = memo.as_ref().map_or(0, |memo| memo.records);
-        let known = read_known(&config, &journal, records)?;
+        let checkpoint = load_newest(&dir, &run, |position| journal.holds(position))?;
+        let memo = checkpoint.as_ref().map(|found| found.state.clone());
+        let position = checkpoint.as_ref().map_or(Position::START, |found| found.journal);
+        let known = read_known(&config, &mut journal, position)?;
 
         let mut ddpg = new_ddpg(&config)?;
         if let (Some(checkpoint), Some(memo)) = (&checkpoint, &memo) {
-            ddpg.load(&crate::ddpg::Snapshot { counters: memo.counters, records: checkpoint.tensors.clone() })?;
+            let record =
+                |t: &Tensor| ddpg::Record { name: t.name.clone(), shape: t.shape.clone(), values: t.values.clone() };
+            let records = checkpoint.tensors.iter().map(record).collect();
+            ddpg.load(&ddpg::Snapshot { counters: memo.counters, records })?;
         }
         let episodes = known.commits.count();
         let mut trainer = Self {
@@ -69,7 +71,6 @@ impl Trainer {
             dir,
             epoch,
             journal,
-            records,
             ddpg,
             shelf,
             digest: None,
@@ -81,7 +82,7 @@ impl Trainer {
             started: Instant::now(),
         };
         trainer.fill_shelf(checkpoint)?;
-        trainer.live_through_the_rest()?;
+        trainer.live_through_the_rest(position)?;
         trainer.phase = "training";
         Ok(trainer)
     }
@@ -96,7 +97,6 @@ impl Trainer {
         self.evaluations.sync()?;
         let snapshot = self.ddpg.save()?;
         let memo = Memo {
-            records: self.records,
             metrics_bytes: self.metrics.bytes(),
             evaluations_bytes: self.evaluations.bytes(),
             counters: snapshot.counters,
@@ -107,11 +107,13 @@ impl Trainer {
         let checkpoint = Checkpoint {
             run: self.config.run_name(),
             commits: episodes,
-            memo: serde_json::to_value(&memo).map_err(std::io::Error::from)?,
-            tensors: snapshot.records,
+            journal: self.journal.position(),
+            state: memo,
+            tensors: snapshot.records.into_iter().map(tensor).collect(),
             policies: shelf.iter().map(|policy| (policy.provenance.version, policy.layers().to_vec())).collect(),
         };
-        let file = checkpoint::save(&self.dir.checkpoints(), &checkpoint)?;
+        let file = checkpoint.save(&self.dir.checkpoints())?;
+        let file = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if let Some(newest) = shelf.newest() {
             write_whole(&self.dir.policy(), &newest.policy.to_safetensors().map_err(crate::export::Error::from)?)?;
         }
@@ -125,7 +127,7 @@ impl Trainer {
     }
 
     /// Puts the policies that leases may name back on the shelf.
-    fn fill_shelf(&mut self, checkpoint: Option<Checkpoint>) -> Result<(), Error> {
+    fn fill_shelf(&mut self, checkpoint: Option<Checkpoint<Memo>>) -> Result<(), Error> {
         let (run, task_hash) = (self.config.run_name(), self.config.task_hash());
         let mut shelf = Shelf::default();
         for (version, layers) in checkpoint.map(|found| found.policies).unwrap_or_default() {
@@ -137,14 +139,13 @@ impl Trainer {
     }
 
     /// Commits and evaluations that the journal holds beyond the checkpoint happen again, as they did.
-    fn live_through_the_rest(&mut self) -> Result<(), Error> {
-        let rest = self.journal.replay()?.skip(self.records as usize).collect::<Result<Vec<_>, _>>()?;
-        if !rest.is_empty() {
-            tracing::info!(records = rest.len(), "living through what the journal holds beyond the checkpoint");
+    fn live_through_the_rest(&mut self, since: Position) -> Result<(), Error> {
+        let records = self.journal.position().sequence - since.sequence;
+        if records > 0 {
+            tracing::info!(records, "living through what the journal holds beyond the checkpoint");
         }
-        for record in rest {
-            self.records += 1;
-            match record {
+        for record in self.journal.replay_from(since)? {
+            match record? {
                 Record::Episode(committed) => {
                     self.ledger.recommit(committed.episode);
                     self.begin_digest(&committed);
@@ -167,10 +168,10 @@ struct Known {
     replay: Replay,
 }
 
-fn read_known(config: &Config, journal: &Journal, records: u64) -> Result<Known, Error> {
+fn read_known(config: &Config, journal: &mut Journal, until: Position) -> Result<Known, Error> {
     let replay = Replay::new(config.ddpg.replay_capacity, OBSERVATION_DIM, config.task.kind.action_dim());
     let mut known = Known { commits: Commits::default(), evaluated: None, replay };
-    for record in journal.replay()?.take(records as usize) {
+    for record in journal.replay_from(Position::START)?.take(until.sequence as usize) {
         match record? {
             Record::Episode(committed) => {
                 known.commits.insert(committed.episode);
@@ -182,16 +183,21 @@ fn read_known(config: &Config, journal: &Journal, records: u64) -> Result<Known,
     Ok(known)
 }
 
-fn load_newest(dir: &RunDir, run: &str) -> Result<Option<Checkpoint>, Error> {
-    let Some(found) = checkpoint::load_newest(&dir.checkpoints(), run)? else { return Ok(None) };
-    for (file, reason) in &found.skipped {
-        tracing::warn!(file, reason, "checkpoint is damaged, an older one is used");
+fn load_newest(dir: &RunDir, run: &str, holds: impl Fn(Position) -> bool) -> Result<Option<Checkpoint<Memo>>, Error> {
+    let found = checkpoint::load_newest(&dir.checkpoints(), run, holds)?;
+    for reason in &found.skipped {
+        tracing::warn!(%reason, "a checkpoint cannot be used, an older one is");
     }
-    Ok(Some(found.checkpoint))
+    Ok(found.checkpoint)
 }
 
-fn memo_of(checkpoint: &Checkpoint) -> Result<Memo, Error> {
-    Ok(serde_json::from_value(checkpoint.memo.clone()).map_err(std::io::Error::from)?)
+/// Commits in the newest checkpoint of a run.
+pub(crate) fn commits_in_checkpoint(dir: &RunDir, run: &str) -> Result<Option<u64>, Error> {
+    Ok(load_newest(dir, run, |_| true)?.map(|found| found.commits))
+}
+
+fn tensor(record: ddpg::Record) -> Tensor {
+    Tensor { name: record.name, shape: record.shape, values: record.values }
 }
 
 fn rules(config: &Config) -> Rules {

@@ -113,8 +113,7 @@ impl Trainer {
     }
 
     fn policy(&self, version: u64) -> Result<Policy, Error> {
-        let provenance =
-            Provenance { version, run: self.config.run_name(), task_hash: self.config.task_hash() };
+        let provenance = Provenance { version, run: self.config.run_name(), task_hash: self.config.task_hash() };
         Ok(export::policy(&self.ddpg, provenance)?)
     }
 

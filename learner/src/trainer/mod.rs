@@ -7,26 +7,32 @@
 //! learning nor the network starves the other. What a turn does depends on the ledger alone, never on the clock, so
 //! in deterministic order the weights are a function of seed and configuration.
 
-pub mod command;
 mod checkpointing;
+pub mod command;
 mod digest;
 mod reporting;
 mod seats;
 mod tally;
 
 use crate::ddpg::{self, Ddpg};
-use crate::history::{self, epoch::Epoch, journal::Journal, ledger::Ledger, record::Record};
+use crate::history::checkpoint;
+use crate::history::epoch::{self, Epoch};
+use crate::history::journal::{self, Journal};
+use crate::history::lease::{Claim, Exhausted};
+use crate::history::ledger::Ledger;
+use crate::history::record::Record;
+use crate::history::refusal::Refusal;
 use crate::metrics::{EvaluationLine, Lines};
 use crate::replay::Replay;
 use crate::run_dir::RunDir;
 use crate::shelf::Shelf;
+pub(crate) use checkpointing::commits_in_checkpoint;
 use command::{Command, Notice};
 use digest::Digest;
+use herd_common::caps;
 use herd_common::config::{Config, run::Durability};
 use herd_common::seed::Seed;
 use herd_common::work::{Order, Work};
-use herd_common::caps;
-use history::refusal::{Claim, Refusal};
 use seats::Seats;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -48,9 +54,15 @@ pub enum Error {
     /// Reading or writing the run directory failed.
     #[error("run directory: {0}")]
     Io(#[from] std::io::Error),
-    /// Journal, checkpoint or epoch.
+    /// The journal.
     #[error(transparent)]
-    History(#[from] history::Error),
+    Journal(#[from] journal::Error),
+    /// A checkpoint.
+    #[error(transparent)]
+    Checkpoint(#[from] checkpoint::Error),
+    /// The epoch.
+    #[error(transparent)]
+    Epoch(#[from] epoch::Error),
     /// The learner's mathematics.
     #[error(transparent)]
     Ddpg(#[from] ddpg::Error),
@@ -59,7 +71,7 @@ pub enum Error {
     Export(#[from] crate::export::Error),
     /// An episode that no actor finishes.
     #[error(transparent)]
-    Exhausted(#[from] history::ledger::Exhausted),
+    Exhausted(#[from] Exhausted),
     /// Another learner took over the run directory.
     #[error("another learner was started on this run directory, so this one (epoch {0}) ends")]
     Fenced(u64),
@@ -73,8 +85,6 @@ pub struct Trainer {
     epoch: Epoch,
     ledger: Ledger,
     journal: Journal,
-    /// Records in the journal, or already taken from it while restoring.
-    records: u64,
     replay: Replay,
     ddpg: Ddpg,
     tally: Tally,
@@ -162,10 +172,10 @@ impl Trainer {
             return Err(Error::Fenced(self.epoch.number()));
         }
         self.journal.append(record)?;
-        if self.config.history.durability == Durability::Disk {
-            self.journal.sync()?;
+        match self.config.history.durability {
+            Durability::Disk => self.journal.sync()?,
+            Durability::Memory => self.journal.flush()?,
         }
-        self.records += 1;
         Ok(())
     }
 
@@ -321,9 +331,13 @@ impl Trainer {
         while self.now() - since < least || (self.seats.len() > 0 && self.now() - since < most) {
             let wait = async { tokio::time::timeout(IDLE_WAIT, inbox.recv()).await };
             match runtime.block_on(wait) {
-                Ok(Some(command)) if self.handle(command)? => break,
+                Ok(Some(command)) => {
+                    if self.handle(command)? {
+                        break;
+                    }
+                }
                 Ok(None) => break,
-                _ => {}
+                Err(_) => {}
             }
         }
         Ok(Ended::Complete)
