@@ -74,6 +74,8 @@ impl Controller {
         &self.latency
     }
 
+    pub fn forces(&self)->[Vector3<f64>;4]{self.forces}
+    pub fn target(&self,i:usize)->Option<[f64;3]>{ if let Duty::Flies{target,..}=&self.duties[i] {Some((*target).into())} else {None}}
     /// What was counted since the last reset.
     pub fn counts(&self) -> Counts {
         self.counts
@@ -125,14 +127,14 @@ impl Controller {
         }
         self.ticks_to_solve -= 1;
         let torques = Leg::ALL.map(|leg| self.leg_torques(leg, body));
-        self.advance(&motion, body);
+        self.advance(&motion);
         torques.map(|leg| leg.map(|torque| self.within_limit(torque)))
     }
 
     fn motion(&self, body: &Body<'_>) -> Motion {
         Motion {
-            position: body.state.position.xy(),
-            velocity: body.state.velocity.xy(),
+            position: body.centre().xy(),
+            velocity: body.centre_velocity().xy(),
             wanted: Vector2::new(self.gait.velocity_mps, 0.0),
             yaw: body.state.angles().z,
             yaw_rate: body.state.angular_velocity.z,
@@ -152,7 +154,7 @@ impl Controller {
     }
 
     fn solve(&mut self, body: &Body<'_>, motion: Motion) {
-        let here = body.centre().xy();
+        let lead = self.reference.map_or(Vector2::zeros(), |reference| reference.position() - motion.position);
         let outlook = Outlook {
             body,
             duties: &self.duties,
@@ -160,7 +162,8 @@ impl Controller {
             planner: &self.planner,
             motion,
             stride: self.gait.stride_m,
-            position: self.reference.map_or(here, |reference| reference.position()),
+            target: motion.wanted + lead * self.config.gait.position_gain,
+            acceleration: self.config.gait.acceleration_mps2,
             height: self.height,
         };
         let (state, horizon) = (outlook.state(), outlook.horizon(&self.config.mpc));
@@ -191,8 +194,8 @@ impl Controller {
         }
     }
 
-    fn advance(&mut self, motion: &Motion, body: &Body<'_>) {
-        let here = body.centre().xy();
+    fn advance(&mut self, motion: &Motion) {
+        let here = motion.position;
         let bound = self.config.gait.position_clamp_m;
         self.reference.get_or_insert(Reference::new(here)).advance(&motion.wanted, self.tick_secs, &here, bound);
         self.schedule.tick();

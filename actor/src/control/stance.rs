@@ -2,6 +2,10 @@
 //!
 //! The feet of a future stance are predicted: those of legs in the air at the place they aim at, later ones relative to
 //! where the hips will be by then. The first step always has the legs that stand now.
+//!
+//! The reference starts at the robot and reaches the speed asked for with bounded acceleration. The model takes the arms
+//! of its moments from the reference, so one that ran ahead of the robot would shift the feet of the prediction by as
+//! much and tip the trunk over (an ideal rigid body falls within 2 s). What is to be caught up enters as speed instead.
 
 use super::contact::Duty;
 use super::leg::Body;
@@ -17,12 +21,14 @@ pub(super) struct Outlook<'a> {
     pub(super) duties: &'a [Duty; 4],
     pub(super) schedule: &'a Schedule,
     pub(super) planner: &'a Planner,
-    /// How the trunk moves now and is meant to.
+    /// How the robot moves now and is meant to.
     pub(super) motion: Motion,
     /// S, m.
     pub(super) stride: f64,
-    /// Where the trunk is meant to be now, world, m.
-    pub(super) position: Vector2<f64>,
+    /// The speed asked for and what is to be caught up, world, m/s.
+    pub(super) target: Vector2<f64>,
+    /// Largest acceleration of the reference along an axis, m/s².
+    pub(super) acceleration: f64,
     /// Height of the centre of mass, m.
     pub(super) height: f64,
 }
@@ -50,13 +56,20 @@ impl Outlook<'_> {
     }
 
     fn reference(&self, ahead: f64) -> State {
-        let wanted = self.motion.wanted;
-        let place = self.position + wanted * ahead;
+        let mut place = self.motion.position;
+        let mut velocity = self.motion.velocity;
+        for axis in 0..2 {
+            let now = velocity[axis];
+            let missing = self.target[axis] - now;
+            let ramp_secs = (missing.abs() / self.acceleration).min(ahead);
+            velocity[axis] = now + missing.signum() * self.acceleration * ramp_secs;
+            place[axis] += (now + velocity[axis]) / 2.0 * ramp_secs + velocity[axis] * (ahead - ramp_secs);
+        }
         State {
             angles: Vector3::zeros(),
             position: Vector3::new(place.x, place.y, self.height),
             angular_velocity: Vector3::zeros(),
-            velocity: Vector3::new(wanted.x, wanted.y, 0.0),
+            velocity: Vector3::new(velocity.x, velocity.y, 0.0),
         }
     }
 

@@ -8,19 +8,20 @@
 //! | k      | balance gain                                           | s    |
 //!
 //! Seen from below the hip at touchdown, in the frame of the heading: `v Δt/2 + k (v − v*) + trim`. The first term is
-//! the neutral point of a running machine (Raibert 1986): the trunk passes over the foot at half stance. S enters as
+//! the neutral point of a running machine (Raibert 1986): the centre of mass passes over the foot at half stance. S enters as
 //! the trim, `½ (S − v* Δt)` within bounds: a stride that fits the speed has none; a longer one puts the feet ahead and
-//! brakes, a shorter one lets the trunk run ahead of its feet. The bounds keep a stride that contradicts the speed from
+//! brakes, a shorter one lets the trunk run ahead of its feet. Hips are taken as placed about the centre of mass, which is
+//! what the feet have to carry, not about the trunk's origin. The bounds keep a stride that contradicts the speed from
 //! tripping the robot. Offsets from the hip are limited to what a leg can reach.
 
 use crate::robot::{Geometry, Leg};
 use herd_common::config::control;
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-/// How the trunk moves now and is meant to move.
+/// How the robot moves now and is meant to move.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
-    /// Trunk origin over the ground, world, m.
+    /// Centre of mass over the ground, world, m.
     pub position: Vector2<f64>,
     /// World, m/s.
     pub velocity: Vector2<f64>,

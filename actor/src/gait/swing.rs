@@ -92,9 +92,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn derivatives_are_derivatives(s in 0.01..0.99) {
+        fn derivatives_are_derivatives(s in 0.01_f64..0.99) {
             const STEP: f64 = 1e-6;
-            prop_assume!((s - 0.5_f64).abs() > 2.0 * STEP);
+            prop_assume!((s - 0.5).abs() > 2.0 * STEP);
             for profile in [advance, lift] {
                 let (ahead, here, behind) = (profile(s + STEP), profile(s), profile(s - STEP));
                 prop_assert!(((ahead[0] - behind[0]) / (2.0 * STEP) - here[1]).abs() < 1e-6);

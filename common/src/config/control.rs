@@ -67,8 +67,12 @@ pub struct Gait {
     pub stride_trim_m: f64,
     /// Longest stride a leg can make: bounds the speed at a given Δt, m.
     pub stride_max_m: f64,
-    /// Largest distance of the integrated position reference from the trunk, m.
+    /// Largest distance of the integrated position reference from the robot, m.
     pub position_clamp_m: f64,
+    /// Speed asked for on top per distance to that reference, 1/s.
+    pub position_gain: f64,
+    /// Largest acceleration of the speed reference along an axis, m/s².
+    pub acceleration_mps2: f64,
 }
 
 /// Swing control, eqs 15–16.
@@ -112,6 +116,8 @@ impl Config {
         check("control.gait.stride_trim_m", self.gait.stride_trim_m, 0.0..=0.25)?;
         check("control.gait.stride_max_m", self.gait.stride_max_m, 0.0..=1.0)?;
         check("control.gait.position_clamp_m", self.gait.position_clamp_m, 0.0..=1.0)?;
+        check("control.gait.position_gain", self.gait.position_gain, 0.0..=50.0)?;
+        check("control.gait.acceleration_mps2", self.gait.acceleration_mps2, 0.01..=100.0)?;
         check("control.swing.stiffness_npm", self.swing.stiffness_npm, 0.0..=1e5)?;
         check("control.swing.damping_nspm", self.swing.damping_nspm, 0.0..=1e4)?;
         check("control.swing.early_contact_n", self.swing.early_contact_n, 0.0..=1e4)?;
