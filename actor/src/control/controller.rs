@@ -74,8 +74,6 @@ impl Controller {
         &self.latency
     }
 
-    pub fn forces(&self)->[Vector3<f64>;4]{self.forces}
-    pub fn target(&self,i:usize)->Option<[f64;3]>{ if let Duty::Flies{target,..}=&self.duties[i] {Some((*target).into())} else {None}}
     /// What was counted since the last reset.
     pub fn counts(&self) -> Counts {
         self.counts

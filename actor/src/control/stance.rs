@@ -50,7 +50,10 @@ impl Outlook<'_> {
             .map(|k| {
                 let begin = k as f64 * config.step_secs;
                 let middle = if k == 0 { 0.0 } else { begin + config.step_secs / 2.0 };
-                Step { reference: self.reference(begin + config.step_secs), feet: Leg::ALL.map(|leg| self.foot(leg, middle)) }
+                Step {
+                    reference: self.reference(begin + config.step_secs),
+                    feet: Leg::ALL.map(|leg| self.foot(leg, middle)),
+                }
             })
             .collect()
     }

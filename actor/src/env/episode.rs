@@ -120,12 +120,7 @@ impl Env {
             Some(Ending::TimedOut) | None => self.config.task.discount.of(secs),
         };
         let reward = self.summary.reward().total() - before.total();
-        Step {
-            observation: self.observation(),
-            reward: reward as f32,
-            discount: discount as f32,
-            ending: self.ending,
-        }
+        Step { observation: self.observation(), reward: reward as f32, discount: discount as f32, ending: self.ending }
     }
 
     /// The episode so far; one that is not over counts as timed out.

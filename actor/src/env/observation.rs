@@ -40,10 +40,13 @@ pub fn observe(model: &Model, sense: &Sense<'_>, mirrored: bool) -> Observation 
     put(&mut out, spaces::POSITION_Z, [state.position.z - model.standing_height()]);
     let shown = Leg::ALL.map(|leg| if mirrored { leg.mirrored() } else { leg });
     let joints = |of: &dyn Fn(Leg) -> Vector3<f64>| {
-        shown.into_iter().flat_map(move |leg| {
-            let v = of(leg);
-            [sign * v.x, v.y, v.z]
-        }).collect::<Vec<_>>()
+        shown
+            .into_iter()
+            .flat_map(move |leg| {
+                let v = of(leg);
+                [sign * v.x, v.y, v.z]
+            })
+            .collect::<Vec<_>>()
     };
     put(&mut out, spaces::TORQUE, joints(&|leg| sense.torques[leg.index()]));
     put(&mut out, spaces::JOINT_ANGLE, joints(&|leg| state.joints[leg.index()] - model.nominal(leg)));

@@ -67,9 +67,8 @@ impl Planner {
         let wanted = heading.inverse() * motion.wanted;
         let bound = self.config.stride_trim_m;
         let trim = ((stride - wanted.x * stance_secs) / 2.0).clamp(-bound, bound);
-        let offset = velocity * (stance_secs / 2.0)
-            + (velocity - wanted) * self.config.foothold_gain
-            + Vector2::new(trim, 0.0);
+        let offset =
+            velocity * (stance_secs / 2.0) + (velocity - wanted) * self.config.foothold_gain + Vector2::new(trim, 0.0);
         let reach = self.config.foothold_clamp_m;
         heading * offset.map(|x| x.clamp(-reach, reach))
     }

@@ -94,8 +94,7 @@ impl Geometry {
             return None;
         }
         let knee = -knee_cosine.acos();
-        let pitch =
-            f64::atan2(-from_hip.x, -plane_z) - f64::atan2(calf * knee.sin(), thigh + calf * knee_cosine);
+        let pitch = f64::atan2(-from_hip.x, -plane_z) - f64::atan2(calf * knee.sin(), thigh + calf * knee_cosine);
         let roll = f64::atan2(from_hip.z, from_hip.y) - f64::atan2(plane_z, lateral);
         Some(Vector3::new(wrapped(roll), pitch, knee))
     }

@@ -125,8 +125,7 @@ impl Model {
 
     /// Centre of mass in the body frame, m.
     pub fn centre(&self, legs: &[Posture; 4]) -> Vector3<f64> {
-        let moment: Vector3<f64> =
-            self.parts(legs).map(|(_, link, leg)| link.mass * leg.position(link.centre)).sum();
+        let moment: Vector3<f64> = self.parts(legs).map(|(_, link, leg)| link.mass * leg.position(link.centre)).sum();
         moment / self.mass()
     }
 
@@ -153,7 +152,10 @@ impl Model {
     }
 
     fn parts<'a>(&'a self, legs: &'a [Posture; 4]) -> impl Iterator<Item = (Leg, &'a Link, &'a Posture)> {
-        Leg::ALL.into_iter().zip(legs).flat_map(|(leg, posture)| self.links.iter().map(move |link| (leg, link, posture)))
+        Leg::ALL
+            .into_iter()
+            .zip(legs)
+            .flat_map(|(leg, posture)| self.links.iter().map(move |link| (leg, link, posture)))
     }
 }
 

@@ -92,11 +92,14 @@ fn add_leg(world: &mut PhysicsWorld, model: &Model, config: &sim::Config, leg: L
     let axes = [Vector::X, Vector::Y, Vector::Y];
     let mut parent = handles.trunk;
     for i in 0..3 {
-        let body = RigidBodyBuilder::dynamic()
-            .can_sleep(false)
-            .additional_mass_properties(link_properties(&model.links[i], i, leg));
+        let body = RigidBodyBuilder::dynamic().can_sleep(false).additional_mass_properties(link_properties(
+            &model.links[i],
+            i,
+            leg,
+        ));
         let body = world.insert_body(body);
-        let joint = RevoluteJointBuilder::new(axes[i]).local_anchor1(vector_to_sim(&anchors[i])).contacts_enabled(false);
+        let joint =
+            RevoluteJointBuilder::new(axes[i]).local_anchor1(vector_to_sim(&anchors[i])).contacts_enabled(false);
         let joint = world.insert_multibody_joint(parent, body, joint).expect("a tree has no cycle");
         handles.links[leg.index()][i] = body;
         handles.joints[leg.index()][i] = joint;
