@@ -63,6 +63,10 @@ pub struct Gait {
     pub foothold_clamp_m: f64,
     /// Depth below the ground that a swing aims at, m.
     pub touchdown_depth_m: f64,
+    /// Largest shift of the foothold by a stride that does not fit the speed, m.
+    pub stride_trim_m: f64,
+    /// Longest stride a leg can make: bounds the speed at a given Δt, m.
+    pub stride_max_m: f64,
     /// Largest distance of the integrated position reference from the trunk, m.
     pub position_clamp_m: f64,
 }
@@ -79,6 +83,8 @@ pub struct Swing {
     pub early_contact_n: f64,
     /// Share of the swing before which contact does not count.
     pub early_contact_phase: f64,
+    /// Speed at which a foot that found no ground at the end of its swing reaches down, m/s.
+    pub reach_down_mps: f64,
 }
 
 impl Config {
@@ -103,10 +109,13 @@ impl Config {
         check("control.gait.foothold_gain", self.gait.foothold_gain, -1.0..=1.0)?;
         check("control.gait.foothold_clamp_m", self.gait.foothold_clamp_m, 0.0..=0.25)?;
         check("control.gait.touchdown_depth_m", self.gait.touchdown_depth_m, 0.0..=0.05)?;
+        check("control.gait.stride_trim_m", self.gait.stride_trim_m, 0.0..=0.25)?;
+        check("control.gait.stride_max_m", self.gait.stride_max_m, 0.0..=1.0)?;
         check("control.gait.position_clamp_m", self.gait.position_clamp_m, 0.0..=1.0)?;
         check("control.swing.stiffness_npm", self.swing.stiffness_npm, 0.0..=1e5)?;
         check("control.swing.damping_nspm", self.swing.damping_nspm, 0.0..=1e4)?;
         check("control.swing.early_contact_n", self.swing.early_contact_n, 0.0..=1e4)?;
-        check("control.swing.early_contact_phase", self.swing.early_contact_phase, 0.0..=1.0)
+        check("control.swing.early_contact_phase", self.swing.early_contact_phase, 0.0..=1.0)?;
+        check("control.swing.reach_down_mps", self.swing.reach_down_mps, 0.0..=5.0)
     }
 }

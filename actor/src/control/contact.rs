@@ -1,0 +1,59 @@
+//! Which legs carry weight: the schedule's word, corrected by what the feet feel.
+//!
+//! A foot that touches the ground late in its swing stands at once; one that finds no ground at the end of its swing
+//! reaches down until it does.
+
+use crate::gait::{Schedule, Swing};
+use crate::robot::Leg;
+use crate::sim::Contacts;
+use herd_common::config::control;
+use herd_common::episode::Counts;
+use nalgebra::Vector3;
+
+/// What a leg is doing.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Duty {
+    /// It carries weight.
+    Stands,
+    /// It is in the air, or reaches for ground that should have been there.
+    Flies {
+        /// Its path.
+        swing: Swing,
+        /// Ticks since it left the ground.
+        ticks: u32,
+        /// Where it is to land, world, m.
+        target: Vector3<f64>,
+    },
+}
+
+impl Duty {
+    pub(super) fn stands(&self) -> bool {
+        matches!(self, Self::Stands)
+    }
+}
+
+/// Lets legs that touch the ground stand; true when any did.
+pub(super) fn notice(
+    duties: &mut [Duty; 4],
+    schedule: &Schedule,
+    contacts: &Contacts,
+    config: &control::Swing,
+    counts: &mut Counts,
+) -> bool {
+    let mut changed = false;
+    for leg in Leg::ALL {
+        let duty = &mut duties[leg.index()];
+        let touches = contacts.normal[leg.index()] > config.early_contact_n;
+        if duty.stands() || !touches {
+            continue;
+        }
+        let flying = schedule.swings(leg);
+        if flying && schedule.phase() < config.early_contact_phase {
+            continue;
+        }
+        counts.early_contacts += u64::from(flying);
+        *duty = Duty::Stands;
+        changed = true;
+    }
+    changed
+}

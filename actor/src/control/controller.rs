@@ -1,0 +1,215 @@
+//! The controller: takes a gait for one swing, then a torque for every joint at every tick.
+//!
+//! The MPC is asked every `period_secs`, and at once when legs change their duty, so that no force is held by a leg
+//! that left the ground. Its answer is used in the tick that asked: there is no delay.
+
+use super::contact::{self, Duty};
+use super::latency::Latency;
+use super::leg::Body;
+use super::reference::Reference;
+use super::stance::Outlook;
+use crate::gait::{Motion, Pair, Planner, Schedule, Swing};
+use crate::mpc::{self, Mpc, Status};
+use crate::robot::{Leg, Model};
+use crate::sim::{Contacts, RobotState};
+use herd_common::config::{Config, control, task};
+use herd_common::episode::Counts;
+use nalgebra::{Vector2, Vector3};
+
+/// Nanoseconds since any fixed moment; only differences count, and only for telemetry.
+pub type Timer = fn() -> u64;
+
+/// Drives one robot.
+pub struct Controller {
+    config: control::Config,
+    tick_secs: f64,
+    planner: Planner,
+    mpc: Mpc,
+    /// Height of the centre of mass in the nominal stance, m.
+    height: f64,
+    torque_max: f64,
+    gait: task::Constant,
+    schedule: Schedule,
+    duties: [Duty; 4],
+    forces: [Vector3<f64>; 4],
+    reference: Option<Reference>,
+    ticks_to_solve: u32,
+    counts: Counts,
+    timer: Option<Timer>,
+    latency: Latency,
+}
+
+impl Controller {
+    /// A controller for this robot.
+    pub fn new(config: &Config, model: &Model) -> Self {
+        let composite = model.composite(&model.nominal_stance());
+        let body = mpc::Body { mass_kg: composite.mass, inertia: composite.inertia };
+        let tick_secs = config.sim.tick_secs;
+        Self {
+            planner: Planner::new(model.geometry, model.foot_radius, &config.control.gait),
+            mpc: Mpc::new(&config.control.mpc, body),
+            height: model.standing_height() + composite.centre.z,
+            torque_max: model.torque_max,
+            gait: config.task.constant,
+            schedule: first_schedule(tick_secs),
+            duties: [Duty::Stands; 4],
+            forces: [Vector3::zeros(); 4],
+            reference: None,
+            ticks_to_solve: 0,
+            counts: Counts::default(),
+            timer: None,
+            latency: Latency::default(),
+            config: config.control.clone(),
+            tick_secs,
+        }
+    }
+
+    /// Measures the solver with this timer from now on.
+    pub fn set_timer(&mut self, timer: Timer) {
+        self.timer = Some(timer);
+    }
+
+    /// How long the solver took, since the controller was made.
+    pub fn latency(&self) -> &Latency {
+        &self.latency
+    }
+
+    /// What was counted since the last reset.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// The pair that swings next.
+    pub fn next_pair(&self) -> Pair {
+        self.schedule.swinging().other()
+    }
+
+    /// Forgets everything: all legs stand, FL + RR swing first.
+    pub fn reset(&mut self) {
+        self.schedule = first_schedule(self.tick_secs);
+        self.duties = [Duty::Stands; 4];
+        self.forces = [Vector3::zeros(); 4];
+        self.reference = None;
+        self.counts = Counts::default();
+    }
+
+    /// Begins a swing with this gait; returns how many ticks it lasts.
+    pub fn begin(&mut self, gait: &task::Constant, body: &Body<'_>) -> u32 {
+        self.schedule = Schedule::new(self.next_pair(), gait.step_secs, self.tick_secs);
+        // A leg can carry the trunk no faster than its longest stride allows.
+        let speed_max = self.config.gait.stride_max_m / self.schedule.duration_secs();
+        self.gait = task::Constant { velocity_mps: gait.velocity_mps.clamp(-speed_max, speed_max), ..*gait };
+        for leg in Leg::ALL {
+            let duty = &mut self.duties[leg.index()];
+            if self.schedule.swings(leg) {
+                let swing = Swing { from: body.foot(leg), lift: gait.lift_m, duration: self.schedule.duration_secs() };
+                *duty = Duty::Flies { swing, ticks: 0, target: swing.from };
+            } else if !duty.stands() {
+                self.counts.late_contacts += 1;
+            }
+        }
+        self.ticks_to_solve = 0;
+        self.schedule.duration_ticks()
+    }
+
+    /// Torques (N·m) for the next tick, from the state after the last one.
+    pub fn torques(&mut self, body: &Body<'_>, contacts: &Contacts) -> [Vector3<f64>; 4] {
+        let motion = self.motion(body);
+        self.aim(&motion);
+        if contact::notice(&mut self.duties, &self.schedule, contacts, &self.config.swing, &mut self.counts) {
+            self.ticks_to_solve = 0;
+        }
+        if self.ticks_to_solve == 0 {
+            self.solve(body, motion);
+            self.ticks_to_solve = ((self.config.mpc.period_secs / self.tick_secs).round() as u32).max(1);
+        }
+        self.ticks_to_solve -= 1;
+        let torques = Leg::ALL.map(|leg| self.leg_torques(leg, body));
+        self.advance(&motion, body);
+        torques.map(|leg| leg.map(|torque| self.within_limit(torque)))
+    }
+
+    fn motion(&self, body: &Body<'_>) -> Motion {
+        Motion {
+            position: body.state.position.xy(),
+            velocity: body.state.velocity.xy(),
+            wanted: Vector2::new(self.gait.velocity_mps, 0.0),
+            yaw: body.state.angles().z,
+            yaw_rate: body.state.angular_velocity.z,
+        }
+    }
+
+    /// Plans the footholds of the legs in the air anew.
+    fn aim(&mut self, motion: &Motion) {
+        let (stance_secs, remaining) = (self.schedule.duration_secs(), self.schedule.remaining_secs());
+        for leg in Leg::ALL {
+            if let Duty::Flies { target, .. } = &mut self.duties[leg.index()]
+                && self.schedule.swings(leg)
+            {
+                *target = self.planner.foothold(leg, motion, self.gait.stride_m, stance_secs, remaining);
+            }
+        }
+    }
+
+    fn solve(&mut self, body: &Body<'_>, motion: Motion) {
+        let here = body.centre().xy();
+        let outlook = Outlook {
+            body,
+            duties: &self.duties,
+            schedule: &self.schedule,
+            planner: &self.planner,
+            motion,
+            stride: self.gait.stride_m,
+            position: self.reference.map_or(here, |reference| reference.position()),
+            height: self.height,
+        };
+        let (state, horizon) = (outlook.state(), outlook.horizon(&self.config.mpc));
+        let begin = self.timer.map(|timer| timer());
+        let solution = self.mpc.solve(&state, &horizon);
+        if let (Some(timer), Some(begin)) = (self.timer, begin) {
+            self.latency.record(timer().saturating_sub(begin));
+        }
+        self.counts.qp_solves += 1;
+        self.counts.qp_failures += u64::from(solution.status != Status::Solved);
+        self.forces = solution.forces;
+    }
+
+    fn leg_torques(&self, leg: Leg, body: &Body<'_>) -> Vector3<f64> {
+        match &self.duties[leg.index()] {
+            Duty::Stands => body.stance_torques(leg, &self.forces[leg.index()]),
+            Duty::Flies { swing, ticks, target } => {
+                let elapsed = f64::from(*ticks) * self.tick_secs;
+                let below = Vector3::z() * self.config.gait.touchdown_depth_m;
+                let mut path = swing.at(elapsed, &(target - below));
+                let late = elapsed - swing.duration;
+                if late > 0.0 {
+                    path.position.z -= self.config.swing.reach_down_mps * late;
+                    path.velocity.z = -self.config.swing.reach_down_mps;
+                }
+                body.swing_torques(leg, &path, &self.config.swing)
+            }
+        }
+    }
+
+    fn advance(&mut self, motion: &Motion, body: &Body<'_>) {
+        let here = body.centre().xy();
+        let bound = self.config.gait.position_clamp_m;
+        self.reference.get_or_insert(Reference::new(here)).advance(&motion.wanted, self.tick_secs, &here, bound);
+        self.schedule.tick();
+        for duty in &mut self.duties {
+            if let Duty::Flies { ticks, .. } = duty {
+                *ticks += 1;
+            }
+        }
+    }
+
+    fn within_limit(&mut self, torque: f64) -> f64 {
+        self.counts.saturated_torques += u64::from(torque.abs() > self.torque_max);
+        torque.clamp(-self.torque_max, self.torque_max)
+    }
+}
+
+/// The schedule before the first swing: the next pair is FL + RR.
+fn first_schedule(tick_secs: f64) -> Schedule {
+    Schedule::new(Pair::FrontRightRearLeft, tick_secs, tick_secs)
+}

@@ -1,0 +1,135 @@
+//! Joint torques of one leg: for a force on the ground, or for a path through the air (eqs 16 and 17).
+//!
+//! | symbol | name                                                 | unit    | shape  |
+//! |--------|------------------------------------------------------|---------|--------|
+//! | τ      | joint torques                                        | N·m     | [3]    |
+//! | u      | force of the ground on the foot, world               | N       | [3]    |
+//! | R      | world from body                                      | 1       | [3, 3] |
+//! | J, J_c | Jacobian of the foot's centre, of its contact point  | m       | [3, 3] |
+//! | M, h   | inertia of the leg with its rotors; Coriolis, gravity and friction | kg m², N·m | [3, 3], [3] |
+//!
+//! Stance: `τ = −J_cᵀ Rᵀ u + g(q) + d q̇`, where g carries the leg's own weight. Swing:
+//! `τ = Jᵀ F + M q̈ + h`, `F = Kp (p* − p) + Kd (ṗ* − ṗ)`, `q̈ = J⁻¹ (p̈* − J̇ q̇)`. The trunk counts as unaccelerated.
+
+use crate::gait::Point;
+use crate::robot::{GRAVITY, Leg, Model, Posture};
+use crate::sim::RobotState;
+use herd_common::config::control;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+/// Smallest |det J| (m³) that is inverted: below, the knee is nearly straight and the acceleration is not fed forward.
+const DETERMINANT_MIN: f64 = 2e-4;
+
+/// The robot at one tick, with everything derived that more than one consumer needs.
+pub struct Body<'a> {
+    /// Masses and lengths.
+    pub model: &'a Model,
+    /// What was measured.
+    pub state: &'a RobotState,
+    /// World from body.
+    pub rotation: Rotation3<f64>,
+    /// The legs with their trigonometry done.
+    pub legs: [Posture; 4],
+}
+
+impl<'a> Body<'a> {
+    /// The robot in this state.
+    pub fn new(model: &'a Model, state: &'a RobotState) -> Self {
+        Self {
+            model,
+            state,
+            rotation: state.rotation.to_rotation_matrix(),
+            legs: Leg::ALL.map(|leg| model.geometry.posture(leg, &state.joints[leg.index()])),
+        }
+    }
+
+    /// Centre of mass of the whole robot, world, m.
+    pub fn centre(&self) -> Vector3<f64> {
+        self.state.position + self.rotation * self.model.centre(&self.legs)
+    }
+
+    /// Velocity of that centre, world, m/s.
+    pub fn centre_velocity(&self) -> Vector3<f64> {
+        let arm = self.rotation * self.model.centre(&self.legs);
+        let inside = self.model.centre_velocity(&self.legs, &self.state.joint_speeds);
+        self.state.velocity + self.state.angular_velocity.cross(&arm) + self.rotation * inside
+    }
+
+    /// Centre of a foot, world, m.
+    pub fn foot(&self, leg: Leg) -> Vector3<f64> {
+        self.state.position + self.rotation * self.foot_in_body(leg)
+    }
+
+    /// The point of a foot that touches level ground, world, m.
+    pub fn contact_point(&self, leg: Leg) -> Vector3<f64> {
+        self.foot(leg) - Vector3::z() * self.model.foot_radius
+    }
+
+    /// Torques (N·m) that make the ground push a standing foot with `force` (world, N).
+    pub fn stance_torques(&self, leg: Leg, force: &Vector3<f64>) -> Vector3<f64> {
+        let down = self.rotation.inverse() * Vector3::new(0.0, 0.0, -self.model.foot_radius);
+        let jacobian = self.posture(leg).jacobian_with_offset(self.model.geometry.foot(), &down);
+        let in_body = self.rotation.inverse() * force;
+        -(jacobian.transpose() * in_body) + self.own_weight(leg) + self.friction(leg)
+    }
+
+    /// Torques (N·m) that take a foot in the air along its path.
+    pub fn swing_torques(&self, leg: Leg, path: &Point, gains: &control::Swing) -> Vector3<f64> {
+        let posture = self.posture(leg);
+        let foot = self.model.geometry.foot();
+        let speeds = &self.state.joint_speeds[leg.index()];
+        let jacobian = posture.jacobian(foot);
+        let body_from_world = self.rotation.inverse();
+        let wanted = body_from_world * (path.position - self.state.position);
+        let carried = self.state.velocity + self.state.angular_velocity.cross(&(path.position - self.state.position));
+        let wanted_velocity = body_from_world * (path.velocity - carried);
+        let force = (wanted - posture.position(foot)) * gains.stiffness_npm
+            + (wanted_velocity - jacobian * speeds) * gains.damping_nspm;
+        let feedback = jacobian.transpose() * force;
+        let bias = posture.bias_acceleration(foot, speeds);
+        let acceleration = if jacobian.determinant().abs() > DETERMINANT_MIN {
+            jacobian.try_inverse().map_or_else(Vector3::zeros, |j| j * (body_from_world * path.acceleration - bias))
+        } else {
+            Vector3::zeros()
+        };
+        feedback + self.inverse_dynamics(leg, &acceleration) + self.friction(leg)
+    }
+
+    /// Torques (N·m) for these joint accelerations (rad/s²), links taken as point masses: M q̈ + Coriolis + weight.
+    fn inverse_dynamics(&self, leg: Leg, acceleration: &Vector3<f64>) -> Vector3<f64> {
+        let posture = self.posture(leg);
+        let speeds = &self.state.joint_speeds[leg.index()];
+        let moving: Vector3<f64> = self
+            .model
+            .links
+            .iter()
+            .map(|link| {
+                let jacobian = posture.jacobian(link.centre);
+                let linear = jacobian * acceleration + posture.bias_acceleration(link.centre, speeds);
+                jacobian.transpose() * linear * link.mass
+            })
+            .sum();
+        moving + acceleration * self.model.joint_armature + self.own_weight(leg)
+    }
+
+    /// Torques that hold the leg's own links against gravity, N·m.
+    fn own_weight(&self, leg: Leg) -> Vector3<f64> {
+        let up = self.rotation.inverse() * Vector3::new(0.0, 0.0, GRAVITY);
+        let jacobian: Matrix3<f64> =
+            self.model.links.iter().map(|link| self.posture(leg).jacobian(link.centre) * link.mass).sum();
+        jacobian.transpose() * up
+    }
+
+    /// Torques that overcome the joints' viscous friction, N·m.
+    fn friction(&self, leg: Leg) -> Vector3<f64> {
+        self.state.joint_speeds[leg.index()] * self.model.joint_damping
+    }
+
+    fn posture(&self, leg: Leg) -> &Posture {
+        &self.legs[leg.index()]
+    }
+
+    fn foot_in_body(&self, leg: Leg) -> Vector3<f64> {
+        self.posture(leg).position(self.model.geometry.foot())
+    }
+}

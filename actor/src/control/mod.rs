@@ -1,0 +1,15 @@
+//! The low-level controller (paper §3.3): from gait parameters to joint torques, at every tick.
+//!
+//! `reference` says where the trunk should be, `contact` which legs carry, `stance` asks the MPC for their forces, `leg`
+//! turns forces and paths into torques, `controller` ties them together.
+
+mod contact;
+mod controller;
+mod latency;
+mod leg;
+mod reference;
+mod stance;
+
+pub use controller::{Controller, Timer};
+pub use latency::Latency;
+pub use leg::Body;

@@ -1,0 +1,83 @@
+//! What the MPC is asked: the horizon of references and standing feet, from schedule, reference and footholds.
+//!
+//! The feet of a future stance are predicted: those of legs in the air at the place they aim at, later ones relative to
+//! where the hips will be by then. The first step always has the legs that stand now.
+
+use super::contact::Duty;
+use super::leg::Body;
+use crate::gait::{Motion, Planner, Schedule};
+use crate::mpc::{State, Step};
+use crate::robot::Leg;
+use herd_common::config::control;
+use nalgebra::{Vector2, Vector3};
+
+/// What the robot expects of the time ahead.
+pub(super) struct Outlook<'a> {
+    pub(super) body: &'a Body<'a>,
+    pub(super) duties: &'a [Duty; 4],
+    pub(super) schedule: &'a Schedule,
+    pub(super) planner: &'a Planner,
+    /// How the trunk moves now and is meant to.
+    pub(super) motion: Motion,
+    /// S, m.
+    pub(super) stride: f64,
+    /// Where the trunk is meant to be now, world, m.
+    pub(super) position: Vector2<f64>,
+    /// Height of the centre of mass, m.
+    pub(super) height: f64,
+}
+
+impl Outlook<'_> {
+    /// The robot as the MPC sees it.
+    pub(super) fn state(&self) -> State {
+        State {
+            angles: self.body.state.angles(),
+            position: self.body.centre(),
+            angular_velocity: self.body.state.angular_velocity,
+            velocity: self.body.centre_velocity(),
+        }
+    }
+
+    /// The steps of the prediction.
+    pub(super) fn horizon(&self, config: &control::Mpc) -> Vec<Step> {
+        (0..config.horizon)
+            .map(|k| {
+                let begin = k as f64 * config.step_secs;
+                let middle = if k == 0 { 0.0 } else { begin + config.step_secs / 2.0 };
+                Step { reference: self.reference(begin + config.step_secs), feet: Leg::ALL.map(|leg| self.foot(leg, middle)) }
+            })
+            .collect()
+    }
+
+    fn reference(&self, ahead: f64) -> State {
+        let wanted = self.motion.wanted;
+        let place = self.position + wanted * ahead;
+        State {
+            angles: Vector3::zeros(),
+            position: Vector3::new(place.x, place.y, self.height),
+            angular_velocity: Vector3::zeros(),
+            velocity: Vector3::new(wanted.x, wanted.y, 0.0),
+        }
+    }
+
+    /// Where a leg will press on the ground `ahead` seconds from now, world, m.
+    fn foot(&self, leg: Leg, ahead: f64) -> Option<Vector3<f64>> {
+        let duty = &self.duties[leg.index()];
+        let touchdown = self.schedule.touchdown_before(ahead);
+        // A leg that touched down early stands until the end of its next stance.
+        let stands = self.schedule.stands_at(leg, ahead) || (touchdown.is_none() && duty.stands());
+        if !stands {
+            return None;
+        }
+        let first_stance = touchdown.is_none_or(|when| when <= self.schedule.remaining_secs());
+        let place = match duty {
+            Duty::Stands if first_stance => return Some(self.body.contact_point(leg)),
+            Duty::Flies { target, .. } if first_stance => *target,
+            _ => {
+                let when = touchdown.unwrap_or_default();
+                self.planner.foothold(leg, &self.motion, self.stride, self.schedule.duration_secs(), when)
+            }
+        };
+        Some(Vector3::new(place.x, place.y, 0.0))
+    }
+}

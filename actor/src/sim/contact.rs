@@ -1,0 +1,50 @@
+//! Reads ground contact out of a stepped world: forces on the feet, and whether trunk or knees touch.
+//!
+//! A force here is the impulse over one tick divided by its length, so a touchdown peaks the higher the shorter the
+//! tick is: consumers average.
+
+use super::build::Handles;
+use rapier3d::prelude::*;
+
+/// Ground contact over one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Contacts {
+    /// Normal force on each foot, N.
+    pub normal: [f64; 4],
+    /// Magnitude of the friction force on each foot, N.
+    pub friction: [f64; 4],
+    /// The trunk touches the ground.
+    pub trunk: bool,
+    /// A knee touches the ground.
+    pub knee: bool,
+}
+
+pub(super) fn read(world: &PhysicsWorld, handles: &Handles) -> Contacts {
+    let forces = handles.feet.map(|foot| force(world, foot));
+    Contacts {
+        normal: forces.map(|(normal, _)| normal),
+        friction: forces.map(|(_, friction)| friction),
+        trunk: touches(world, handles.trunk_box),
+        knee: handles.knees.iter().any(|knee| touches(world, *knee)),
+    }
+}
+
+/// Normal force and friction magnitude on a collider, N.
+fn force(world: &PhysicsWorld, collider: ColliderHandle) -> (f64, f64) {
+    let mut normal = 0.0;
+    let mut friction = Vector2::zeros();
+    for pair in world.narrow_phase.contact_pairs_with(collider) {
+        for point in pair.solver_manifolds().iter().flat_map(|manifold| &manifold.points) {
+            normal += f64::from(point.data.impulse);
+            friction += point.data.tangent_impulse.cast::<f64>();
+        }
+    }
+    let dt = f64::from(world.integration_parameters.dt);
+    (normal / dt, friction.norm() / dt)
+}
+
+type Vector2<T> = rapier3d::na::Vector2<T>;
+
+fn touches(world: &PhysicsWorld, collider: ColliderHandle) -> bool {
+    force(world, collider).0 > 0.0
+}

@@ -1,0 +1,159 @@
+//! One robot on level ground, advanced tick by tick under joint torques.
+//!
+//! World frame: z up, ground at z = 0. Torques act between the two links of a joint along its axis, which is exactly
+//! a generalised force on that joint. Forces persist in rapier until reset, so each tick resets them. Velocities come
+//! from the multibody's generalised ones: those of the bodies lag by a solver step.
+
+use super::build::{self, Handles, ROOT_DOFS};
+use super::contact::{self, Contacts};
+use super::convert::{rotation_from_sim, vector_from_sim, vector_to_sim};
+use crate::robot::{Leg, Model};
+use herd_common::config::sim;
+use nalgebra::{UnitQuaternion, Vector3};
+use rapier3d::prelude::*;
+
+/// Where a robot starts.
+#[derive(Clone, Debug)]
+pub struct Start {
+    /// Trunk origin, world, m.
+    pub position: Vector3<f64>,
+    /// World from body.
+    pub rotation: UnitQuaternion<f64>,
+    /// Joint angles, rad.
+    pub joints: [Vector3<f64>; 4],
+}
+
+/// What can be measured of a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RobotState {
+    /// Trunk origin, world, m.
+    pub position: Vector3<f64>,
+    /// World from body.
+    pub rotation: UnitQuaternion<f64>,
+    /// Velocity of the trunk origin, world, m/s.
+    pub velocity: Vector3<f64>,
+    /// Angular velocity of the trunk, world, rad/s.
+    pub angular_velocity: Vector3<f64>,
+    /// Joint angles, rad.
+    pub joints: [Vector3<f64>; 4],
+    /// Joint speeds, rad/s.
+    pub joint_speeds: [Vector3<f64>; 4],
+}
+
+/// A robot in its world.
+pub struct World {
+    physics: PhysicsWorld,
+    handles: Handles,
+    dofs: [[usize; 3]; 4],
+    push: Option<(Vector, u32)>,
+}
+
+impl RobotState {
+    /// Roll, pitch and yaw, rad.
+    pub fn angles(&self) -> Vector3<f64> {
+        let (roll, pitch, yaw) = self.rotation.euler_angles();
+        Vector3::new(roll, pitch, yaw)
+    }
+
+    /// True when every number is finite.
+    pub fn is_finite(&self) -> bool {
+        let vectors = [&self.position, &self.velocity, &self.angular_velocity];
+        let all = vectors.into_iter().chain(&self.joints).chain(&self.joint_speeds);
+        all.flat_map(|v| v.iter()).chain(self.rotation.coords.iter()).all(|x| x.is_finite())
+    }
+}
+
+impl World {
+    /// A fresh world with the robot at rest in its starting pose.
+    pub fn new(model: &Model, config: &sim::Config, start: &Start) -> Self {
+        let mut physics = build::world(config);
+        let handles = build::robot(&mut physics, model, config, start);
+        let dofs = handles.joints.map(|leg| leg.map(|joint| build::dof(&physics, joint)));
+        Self { physics, handles, dofs, push: None }
+    }
+
+    /// Advances by one tick under these joint torques, N·m.
+    pub fn tick(&mut self, torques: &[Vector3<f64>; 4]) {
+        self.clear_forces();
+        for leg in Leg::ALL {
+            self.add_torques(leg, &torques[leg.index()]);
+        }
+        if let Some((force, ticks)) = self.push.take() {
+            self.body(self.handles.trunk).add_force(force, true);
+            self.push = (ticks > 1).then_some((force, ticks - 1));
+        }
+        self.physics.step();
+    }
+
+    /// Pushes the trunk's origin with a world force (N) for this many ticks from the next one on.
+    pub fn push(&mut self, force: &Vector3<f64>, ticks: u32) {
+        self.push = (ticks > 0).then_some((vector_to_sim(force), ticks));
+    }
+
+    /// Adds to the velocity of the trunk and everything attached to it, world, m/s.
+    pub fn add_velocity(&mut self, change: &Vector3<f64>) {
+        let (multibody, _) = self.physics.multibody_joints.get_mut(self.handles.joints[0][0]).expect(ROBOT);
+        let mut velocity = multibody.generalized_velocity_mut();
+        for axis in 0..3 {
+            velocity[axis] += change[axis] as f32;
+        }
+    }
+
+    /// The robot's state after the last tick.
+    pub fn state(&self) -> RobotState {
+        let (multibody, _) = self.physics.multibody_joints.get(self.handles.joints[0][0]).expect(ROBOT);
+        let trunk = &self.physics.bodies[self.handles.trunk];
+        let speeds = multibody.generalized_velocity();
+        let speed = |dof: usize| f64::from(speeds[dof]);
+        let angle = |joint: MultibodyJointHandle| {
+            let (multibody, id) = self.physics.multibody_joints.get(joint).expect(ROBOT);
+            f64::from(multibody.link(id).expect(ROBOT).joint().coords()[REVOLUTE])
+        };
+        RobotState {
+            position: vector_from_sim(trunk.translation()),
+            rotation: rotation_from_sim(trunk.rotation()),
+            velocity: Vector3::new(speed(0), speed(1), speed(2)),
+            angular_velocity: Vector3::new(speed(3), speed(4), speed(ROOT_DOFS - 1)),
+            joints: self.handles.joints.map(|leg| Vector3::from(leg.map(angle))),
+            joint_speeds: self.dofs.map(|leg| Vector3::from(leg.map(speed))),
+        }
+    }
+
+    /// Ground contact over the last tick.
+    pub fn contacts(&self) -> Contacts {
+        contact::read(&self.physics, &self.handles)
+    }
+
+    /// True when rapier had to take bodies out of the simulation because their numbers were not finite.
+    pub fn has_diverged(&self) -> bool {
+        !self.physics.quarantine().is_empty()
+    }
+
+    fn clear_forces(&mut self) {
+        for handle in self.handles.links.into_iter().flatten().chain([self.handles.trunk]) {
+            let body = self.body(handle);
+            body.reset_forces(false);
+            body.reset_torques(false);
+        }
+    }
+
+    fn add_torques(&mut self, leg: Leg, torques: &Vector3<f64>) {
+        let [hip, thigh, calf] = self.handles.links[leg.index()];
+        let roll_axis = *self.physics.bodies[self.handles.trunk].rotation() * Vector::X;
+        let pitch_axis = *self.physics.bodies[hip].rotation() * Vector::Y;
+        let chain = [(self.handles.trunk, hip, roll_axis), (hip, thigh, pitch_axis), (thigh, calf, pitch_axis)];
+        for ((parent, child, axis), torque) in chain.into_iter().zip(torques.iter()) {
+            let torque = axis * (*torque as f32);
+            self.body(child).add_torque(torque, true);
+            self.body(parent).add_torque(-torque, true);
+        }
+    }
+
+    fn body(&mut self, handle: RigidBodyHandle) -> &mut RigidBody {
+        &mut self.physics.bodies[handle]
+    }
+}
+
+const ROBOT: &str = "the robot stays in the world";
+/// Index of a revolute joint's angle in rapier's six joint coordinates.
+const REVOLUTE: usize = 3;
