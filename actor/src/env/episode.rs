@@ -1,0 +1,245 @@
+//! Runs a robot through an episode, decision by decision.
+//!
+//! Time is counted in ticks. A decision of the gait task is one swing; of the torque task a fixed time; the last one of
+//! an episode is cut at the time limit, which truncates: the value goes on. Every reset builds a fresh world, so an
+//! episode is a function of configuration, seed and actions, whatever was run before.
+
+use super::observation::{Observation, Sense, observe};
+use super::reward::Payer;
+use super::summary::Summary;
+use super::{ending, settle};
+use crate::control::{Body, Controller, Latency, Timer};
+use crate::gait::Pair;
+use crate::robot::Model;
+use crate::sim::{Contacts, RobotState, World};
+use herd_common::config::Config;
+use herd_common::episode::{Ending, Outcome, Reward};
+use herd_common::seed::Seed;
+use herd_common::spaces::Task;
+use nalgebra::{Vector3, Vector4};
+
+/// Ticks over which foot forces are averaged for the observation: contact impulses of one tick are spiky.
+const FORCE_TICKS: usize = 5;
+
+/// What a decision led to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// What the policy sees next.
+    pub observation: Observation,
+    /// Eq 10 summed over the decision.
+    pub reward: f32,
+    /// Factor on the next value: 0 after a fall, never 0 after the time limit.
+    pub discount: f32,
+    /// Set when the episode is over; after `Diverged` the other fields mean nothing and the decision is dropped.
+    pub ending: Option<Ending>,
+}
+
+/// One robot and its task.
+pub struct Env {
+    config: Config,
+    model: Model,
+    controller: Controller,
+    payer: Payer,
+    world: World,
+    state: RobotState,
+    contacts: Contacts,
+    /// Foot forces of the last ticks, normal and friction, N.
+    forces: [(Vector4<f64>, Vector4<f64>); FORCE_TICKS],
+    torques: [Vector3<f64>; 4],
+    ticks: u64,
+    limit_ticks: u64,
+    summary: Summary,
+    ending: Option<Ending>,
+}
+
+impl Env {
+    /// An environment for this configuration, reset with a seed of its own; call `reset` before an episode.
+    pub fn new(config: &Config) -> Self {
+        let model = Model::new(&config.robot);
+        let (world, state) = settle::world(&model, config, Seed::from_number(config.seed));
+        Self {
+            controller: Controller::new(config, &model),
+            payer: Payer::new(&config.task, model.torque_max, config.sim.tick_secs),
+            contacts: world.contacts(),
+            forces: [(Vector4::zeros(), Vector4::zeros()); FORCE_TICKS],
+            torques: [Vector3::zeros(); 4],
+            ticks: 0,
+            limit_ticks: (config.task.episode_secs / config.sim.tick_secs).round() as u64,
+            summary: Summary::default(),
+            ending: None,
+            config: config.clone(),
+            model,
+            world,
+            state,
+        }
+    }
+
+    /// The same, with the solver's times measured by this timer (ns since any fixed moment).
+    pub fn with_timer(mut self, timer: Timer) -> Self {
+        self.controller.set_timer(timer);
+        self
+    }
+
+    /// Starts the episode of this seed.
+    pub fn reset(&mut self, seed: Seed) -> Observation {
+        (self.world, self.state) = settle::world(&self.model, &self.config, seed);
+        self.contacts = self.world.contacts();
+        self.controller.reset();
+        self.forces = [(Vector4::zeros(), Vector4::zeros()); FORCE_TICKS];
+        self.forces.fill((Vector4::from(self.contacts.normal), Vector4::from(self.contacts.friction)));
+        self.torques = [Vector3::zeros(); 4];
+        self.ticks = 0;
+        self.summary = Summary::new(self.state.position.x);
+        self.ending = None;
+        self.observation()
+    }
+
+    /// Takes one decision: an action of [−1, 1]ⁿ; the constant task ignores it.
+    ///
+    /// # Panics
+    /// When the episode is over, or the action has another length than the task's.
+    pub fn step(&mut self, action: &[f32]) -> Step {
+        assert!(self.ending.is_none(), "the episode ended with {:?}: reset first", self.ending);
+        let first_tick = self.ticks;
+        let before = self.summary.reward();
+        match self.config.task.kind {
+            Task::Torque => self.step_torque(action),
+            Task::Gait => {
+                let gait = self.config.task.gait.from_action(checked(action, Task::Gait));
+                self.step_gait(&gait);
+            }
+            Task::Constant => self.step_gait(&self.config.task.constant.clone()),
+        }
+        if self.ending.is_none() && self.ticks >= self.limit_ticks {
+            self.ending = Some(Ending::TimedOut);
+        }
+        let secs = (self.ticks - first_tick) as f64 * self.config.sim.tick_secs;
+        self.summary.end_decision(self.ending);
+        let discount = match self.ending {
+            Some(Ending::Fell(_) | Ending::Diverged) => 0.0,
+            Some(Ending::TimedOut) | None => self.config.task.discount.of(secs),
+        };
+        let reward = self.summary.reward().total() - before.total();
+        Step {
+            observation: self.observation(),
+            reward: reward as f32,
+            discount: discount as f32,
+            ending: self.ending,
+        }
+    }
+
+    /// The episode so far; one that is not over counts as timed out.
+    pub fn outcome(&self) -> Outcome {
+        let seconds = self.ticks as f64 * self.config.sim.tick_secs;
+        let ending = self.ending.unwrap_or(Ending::TimedOut);
+        self.summary.outcome(ending, seconds, self.controller.counts())
+    }
+
+    /// How long the MPC's solver took, over all episodes; empty without a timer.
+    pub fn qp_latency(&self) -> &Latency {
+        self.controller.latency()
+    }
+
+    /// The robot's state, for reports and recordings.
+    pub fn state(&self) -> &RobotState {
+        &self.state
+    }
+
+    /// Joint torques of the last tick, N·m.
+    pub fn torques(&self) -> &[Vector3<f64>; 4] {
+        &self.torques
+    }
+
+    /// The robot's body.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The reward of the episode so far.
+    pub fn reward(&self) -> Reward {
+        self.summary.reward()
+    }
+
+    /// Pushes the trunk with a world force (N) for this many seconds from now on.
+    pub fn push(&mut self, force: &Vector3<f64>, secs: f64) {
+        self.world.push(force, (secs / self.config.sim.tick_secs).round() as u32);
+    }
+
+    fn step_gait(&mut self, gait: &herd_common::config::task::Constant) {
+        let ticks = self.controller.begin(gait, &Body::new(&self.model, &self.state));
+        for _ in 0..ticks {
+            let torques = self.controller.torques(&Body::new(&self.model, &self.state), &self.contacts);
+            self.tick(torques);
+            if self.is_over() {
+                return;
+            }
+        }
+    }
+
+    fn step_torque(&mut self, action: &[f32]) {
+        let action = checked(action, Task::Torque);
+        let torque = self.config.task.torque.limit_nm.min(self.model.torque_max);
+        let torques = std::array::from_fn(|leg| {
+            Vector3::from_fn(|joint, _| f64::from(action[3 * leg + joint].clamp(-1.0, 1.0)) * torque)
+        });
+        // Decisions end on the ticks nearest to multiples of their duration, so none drifts.
+        let (duration, tick) = (self.config.task.torque.decision_secs, self.config.sim.tick_secs);
+        let decision = (self.ticks as f64 * tick / duration + 0.5).floor() + 1.0;
+        let last_tick = ((decision * duration / tick).round() as u64).max(self.ticks + 1);
+        while self.ticks < last_tick {
+            self.tick(torques);
+            if self.is_over() {
+                return;
+            }
+        }
+    }
+
+    fn tick(&mut self, torques: [Vector3<f64>; 4]) {
+        self.world.tick(&torques);
+        self.torques = torques;
+        self.state = self.world.state();
+        self.contacts = self.world.contacts();
+        self.ticks += 1;
+        self.forces[self.ticks as usize % FORCE_TICKS] =
+            (Vector4::from(self.contacts.normal), Vector4::from(self.contacts.friction));
+        self.ending = if self.world.has_diverged() {
+            Some(Ending::Diverged)
+        } else {
+            ending::of(&self.state, &self.contacts, &self.config.task.ending)
+        };
+        if self.ending == Some(Ending::Diverged) {
+            return;
+        }
+        self.summary.tick(&self.state);
+        if self.payer.is_due(self.ticks) {
+            self.summary.sample(&self.state, self.payer.sample(&self.state, &self.torques));
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.ending.is_some() || self.ticks >= self.limit_ticks
+    }
+
+    fn observation(&self) -> Observation {
+        if self.ending == Some(Ending::Diverged) {
+            return [0.0; herd_common::spaces::OBSERVATION_DIM];
+        }
+        let mirrored = self.config.task.kind != Task::Torque
+            && self.config.task.gait.mirror
+            && self.controller.next_pair() == Pair::FrontRightRearLeft;
+        let mean = |sum: Vector4<f64>| (sum / FORCE_TICKS as f64).into();
+        let sense = Sense {
+            state: &self.state,
+            torques: &self.torques,
+            normal: mean(self.forces.iter().map(|(normal, _)| normal).sum()),
+            friction: mean(self.forces.iter().map(|(_, friction)| friction).sum()),
+        };
+        observe(&self.model, &sense, mirrored)
+    }
+}
+
+/// The action, if it has the length of the task's.
+fn checked(action: &[f32], task: Task) -> &[f32] {
+    assert_eq!(action.len(), task.action_dim(), "length of an action of the {} task", task.name());
+    action
+}

@@ -1,0 +1,13 @@
+//! The environment: one robot, one task, episodes of decisions.
+//!
+//! `observation` is what the policy sees, `reward` what it is paid for, `ending` when it is over; `episode` runs it.
+
+mod ending;
+mod episode;
+mod observation;
+mod reward;
+mod settle;
+mod summary;
+
+pub use episode::{Env, Step};
+pub use observation::{Observation, Sense, observe};

@@ -1,0 +1,92 @@
+//! The figures of an episode as it goes: return by terms, distance, variances.
+
+use crate::sim::RobotState;
+use herd_common::episode::{Counts, Ending, Outcome, Reward};
+
+/// Mean and variance of a stream of numbers (Welford).
+#[derive(Clone, Copy, Debug, Default)]
+struct Spread {
+    count: f64,
+    mean: f64,
+    squares: f64,
+}
+
+/// What is gathered while an episode runs.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Summary {
+    decisions: u64,
+    reward: Reward,
+    start_x: f64,
+    end_x: f64,
+    roll: Spread,
+    pitch: Spread,
+}
+
+impl Spread {
+    fn add(&mut self, value: f64) {
+        self.count += 1.0;
+        let step = value - self.mean;
+        self.mean += step / self.count;
+        self.squares += step * (value - self.mean);
+    }
+
+    fn variance(&self) -> f64 {
+        if self.count > 0.0 { self.squares / self.count } else { 0.0 }
+    }
+}
+
+impl Summary {
+    /// An empty summary of a robot that starts at this x, m.
+    pub(super) fn new(start_x: f64) -> Self {
+        Self { start_x, end_x: start_x, ..Self::default() }
+    }
+
+    pub(super) fn reward(&self) -> Reward {
+        self.reward
+    }
+
+    pub(super) fn tick(&mut self, state: &RobotState) {
+        self.end_x = state.position.x;
+    }
+
+    pub(super) fn sample(&mut self, state: &RobotState, reward: Reward) {
+        let angles = state.angles();
+        self.roll.add(angles.x);
+        self.pitch.add(angles.y);
+        self.reward += reward;
+    }
+
+    /// Counts a decision, unless it is dropped.
+    pub(super) fn end_decision(&mut self, ending: Option<Ending>) {
+        self.decisions += u64::from(ending != Some(Ending::Diverged));
+    }
+
+    pub(super) fn outcome(&self, ending: Ending, seconds: f64, counts: Counts) -> Outcome {
+        Outcome {
+            ending,
+            decisions: self.decisions,
+            seconds,
+            reward: self.reward,
+            distance_m: self.end_x - self.start_x,
+            roll_variance: self.roll.variance(),
+            pitch_variance: self.pitch.variance(),
+            counts,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn variance_is_that_of_the_definition() {
+        let values = [0.1, -0.3, 0.25, 7.0, 0.1];
+        let mut spread = Spread::default();
+        values.iter().for_each(|value| spread.add(*value));
+        let mean = values.iter().sum::<f64>() / 5.0;
+        let expected = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 5.0;
+        assert!((spread.variance() - expected).abs() < 1e-12);
+        assert_eq!(Spread::default().variance(), 0.0);
+    }
+}
