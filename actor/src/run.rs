@@ -271,3 +271,133 @@ fn host_name() -> String {
     let name: String = name.nodename().to_string_lossy().chars().filter(allowed).take(caps::NAME_BYTES).collect();
     if name.is_empty() { "unknown".to_owned() } else { name }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{Learner, Puppet, Script, order};
+    use herd_common::work::Order;
+    use std::time::Duration;
+
+    async fn run_at(learner: &str, robots: u32, shutdown: CancellationToken) -> Result<Ended, Error> {
+        let options = Options { learner: learner.parse().expect("an address"), robots, task: None };
+        let running = run_with(options, &Puppet::factory(), shutdown);
+        tokio::time::timeout(Duration::from_secs(120), running).await.expect("ends")
+    }
+
+    async fn run(script: Script, robots: u32) -> (Result<Ended, Error>, Learner) {
+        let learner = Learner::new(script);
+        let ended = run_at(&learner.serve().await, robots, CancellationToken::new()).await;
+        (ended, learner)
+    }
+
+    fn leases(episodes: std::ops::Range<u64>) -> Script {
+        Script { leases: episodes.map(order).collect(), ..Script::default() }
+    }
+
+    #[track_caller]
+    fn all_whole(learner: &Learner, episodes: usize) {
+        let finished = learner.seen().finished;
+        assert_eq!(finished.len(), episodes);
+        assert!(finished.values().all(|count| *count == Puppet::LENGTH), "{finished:?}");
+    }
+
+    #[tokio::test]
+    async fn every_lease_comes_back_whole() {
+        let (ended, learner) = run(leases(0..10), 3).await;
+        assert_eq!(ended.expect("complete"), Ended::Complete);
+        all_whole(&learner, 10);
+        let hello = &learner.seen().hellos[0];
+        assert_eq!((hello.robots, hello.pid), (3, std::process::id()));
+        assert!(herd_proto::convert::hello_name("host", &hello.host).is_ok(), "{hello:?}");
+    }
+
+    #[tokio::test]
+    async fn a_broken_stream_is_joined_again() {
+        let (ended, learner) = run(Script { breaks_after: Some(4), ..leases(0..6) }, 2).await;
+        assert_eq!(ended.expect("complete"), Ended::Complete);
+        all_whole(&learner, 6);
+        assert_eq!(learner.seen().hellos.len(), 2);
+    }
+
+    #[tokio::test]
+    async fn a_missing_policy_is_fetched_once() {
+        let needs = |episode| Order { random: false, policy_version: 7, ..order(episode) };
+        let (ended, learner) = run(Script { leases: (0..4).map(needs).collect(), ..Script::default() }, 2).await;
+        assert_eq!(ended.expect("complete"), Ended::Complete);
+        all_whole(&learner, 4);
+        assert_eq!(learner.seen().fetched, [7]);
+    }
+
+    #[tokio::test]
+    async fn a_panic_costs_the_stream_and_no_more() {
+        let mut script = leases(0..3);
+        script.leases.push_front(order(Puppet::PANICS));
+        let (ended, learner) = run(script, 1).await;
+        assert_eq!(ended.expect("complete"), Ended::Complete);
+        all_whole(&learner, 3);
+        assert_eq!(learner.seen().hellos.len(), 2);
+    }
+
+    #[tokio::test]
+    async fn a_refused_episode_frees_its_robot() {
+        let mut script = leases(0..3);
+        script.leases.push_front(order(Puppet::ENDLESS));
+        let work = Work::Episode(Puppet::ENDLESS);
+        let (ended, learner) = run(Script { drops: Some(work), ..script }, 1).await;
+        assert_eq!(ended.expect("complete"), Ended::Complete);
+        all_whole(&learner, 3);
+    }
+
+    #[tokio::test]
+    async fn a_mismatch_is_final_and_names_both_sides() {
+        let refuses = Some(tonic::Status::failed_precondition("task a here, task b there"));
+        let (ended, _) = run(Script { refuses, ..leases(0..1) }, 1).await;
+        let error = ended.expect_err("refused");
+        assert!(error.is_config(), "{error}");
+
+        let (ended, _) = run(Script { task_hash: Some("0123456789abcdef".into()), ..leases(0..1) }, 1).await;
+        let error = ended.expect_err("refused");
+        assert!(error.is_config() && error.to_string().contains("task 0123456789ab there"), "{error}");
+    }
+
+    #[tokio::test]
+    async fn a_learner_that_is_full_or_late_is_waited_for() {
+        let path = std::env::temp_dir().join(format!("herd-late-{}", std::process::id()));
+        let address = format!("file:{}", path.display());
+        let (learner, stop) = (Learner::new(leases(0..2)), CancellationToken::new());
+        let served = learner.serve().await;
+        let appears = async {
+            // The actor has looked for the file by then.
+            for _ in 0..100 {
+                tokio::task::yield_now().await;
+            }
+            std::fs::write(&path, served).expect("writes");
+        };
+        let (ended, ()) = tokio::join!(run_at(&address, 1, stop), appears);
+        assert_eq!(ended.expect("complete"), Ended::Complete);
+        std::fs::remove_file(&path).expect("removes");
+        assert!(!refused("a", client::Error::from(tonic::Status::resource_exhausted("full"))).is_final());
+    }
+
+    #[tokio::test]
+    async fn an_actor_stops_when_asked() {
+        let learner = Learner::new(leases(Puppet::ENDLESS..Puppet::ENDLESS + 1));
+        let (address, stop) = (learner.serve().await, CancellationToken::new());
+        let asks = async {
+            while learner.seen().hellos.is_empty() {
+                tokio::task::yield_now().await;
+            }
+            stop.cancel();
+        };
+        let (ended, ()) = tokio::join!(run_at(&address, 1, stop.clone()), asks);
+        assert_eq!(ended.expect("stopped"), Ended::Stopped);
+    }
+
+    #[tokio::test]
+    async fn a_number_of_robots_that_cannot_be_is_refused() {
+        for robots in [0, caps::ROBOTS_PER_ACTOR + 1] {
+            assert!(run_at("127.0.0.1:1", robots, CancellationToken::new()).await.expect_err("refused").is_config());
+        }
+    }
+}

@@ -4,7 +4,7 @@
 //! as fast as the network takes it, so a slow learner slows the robots down. What ends the stream ends every episode
 //! on it: the learner leases those again, and the next stream starts with free robots.
 
-use crate::meter::Meter;
+use crate::meter::{Meter, Realtime};
 use crate::policies::{Need, Shelf};
 use crate::run::Error;
 use crate::worker::{Assignment, Event, Pool, Task, What};
@@ -16,6 +16,7 @@ use herd_proto::client::{self, Client};
 use herd_proto::link::{Answer, PolicyStream, Receiver, Report, Sender};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior};
@@ -52,7 +53,8 @@ pub struct Session<'a> {
     fetches: JoinSet<Result<Policy, client::Error>>,
     events: mpsc::Sender<Event>,
     cancel: CancellationToken,
-    measured: (Instant, f64),
+    joined: Instant,
+    realtime: Realtime,
 }
 
 #[derive(Debug)]
@@ -73,7 +75,8 @@ impl<'a> Session<'a> {
     pub fn new(herd: &'a Herd, client: Client, task: Task) -> (Self, mpsc::Receiver<Event>) {
         let (events, told) = mpsc::channel(caps::UPLINK_QUEUE);
         let session = Self {
-            measured: (Instant::now(), herd.meter.simulated_secs()),
+            joined: Instant::now(),
+            realtime: Realtime::new(Duration::ZERO, herd.meter.simulated_secs()),
             herd,
             client,
             task: Arc::new(task),
@@ -196,10 +199,7 @@ impl<'a> Session<'a> {
     }
 
     fn heartbeat(&mut self) -> Heartbeat {
-        let (now, simulated) = (Instant::now(), self.herd.meter.simulated_secs());
-        let (since, before) = std::mem::replace(&mut self.measured, (now, simulated));
-        let elapsed = now.duration_since(since).as_secs_f64();
-        let realtime_factor = if elapsed > 0.0 { (simulated - before) / elapsed } else { 0.0 };
+        let realtime_factor = self.realtime.factor(self.joined.elapsed(), self.herd.meter.simulated_secs());
         Heartbeat { realtime_factor, policy_version: self.shelf.newest(), qp: self.herd.meter.qp() }
     }
 }

@@ -30,8 +30,8 @@ pub trait Robot {
 /// Takes pieces of an episode. It may be called with an empty piece, to ask whether to go on.
 pub type Emit<'a> = dyn FnMut(Batch) -> ControlFlow<()> + 'a;
 
-/// Builds a robot for a task; called in the robot's thread.
-pub type Factory = Arc<dyn Fn(&Config, Arc<Meter>) -> Box<dyn Robot> + Send + Sync>;
+/// Builds robot number so-and-so for a task; called in the robot's thread.
+pub type Factory = Arc<dyn Fn(usize, &Config, Arc<Meter>) -> Box<dyn Robot> + Send + Sync>;
 
 /// The task that an order belongs to.
 #[derive(Debug)]
@@ -148,14 +148,14 @@ fn serve(robot: usize, orders: &std::sync::mpsc::Receiver<Assignment>, factory: 
         let ready = built.take().filter(|(hash, _)| *hash == assignment.task.hash);
         let ran = catch_unwind(AssertUnwindSafe(|| {
             let (hash, mut body) = ready.unwrap_or_else(|| {
-                (assignment.task.hash.clone(), factory(&assignment.task.config, meter.clone()))
+                (assignment.task.hash.clone(), factory(robot, &assignment.task.config, meter.clone()))
             });
             let what = run(robot, &assignment, body.as_mut());
             (what, (hash, body))
         }));
         let what = match ran {
-            Ok((what, robot)) => {
-                built = Some(robot);
+            Ok((what, kept)) => {
+                built = Some(kept);
                 what
             }
             Err(panic) => What::Panicked(words(panic.as_ref())),

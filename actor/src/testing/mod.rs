@@ -1,8 +1,13 @@
-//! Stand-ins for tests: a robot without physics and a learner without learning.
+//! Stand-ins for tests: a robot without physics, and the orders, policies and outcomes that go with it.
+
+mod learner;
+
+pub(crate) use learner::{Learner, Script};
 
 use crate::worker::{Emit, Factory, Robot};
+use herd_common::config::Config;
 use herd_common::episode::{Counts, Ending, Outcome, Reward};
-use herd_common::policy::Policy;
+use herd_common::policy::{Layer, Policy, Provenance};
 use herd_common::seed::Seed;
 use herd_common::spaces::OBSERVATION_DIM;
 use herd_common::transition::{Batch, Transition};
@@ -22,7 +27,7 @@ impl Puppet {
     pub(crate) const ENDLESS: u64 = 2000;
 
     pub(crate) fn factory() -> Factory {
-        Arc::new(|_, _| Box::new(Self))
+        Arc::new(|_, _, _| Box::new(Self))
     }
 }
 
@@ -64,7 +69,17 @@ pub(crate) fn order(episode: u64) -> Order {
     Order { work, attempt: 1, seed: work.seed(Seed::from_number(1)), policy_version: 0, sigma: 0.1, random: true }
 }
 
-fn outcome(decisions: u64) -> Outcome {
+/// A small policy for this task whose actions depend on what it sees.
+pub(crate) fn policy(config: &Config, version: u64) -> Policy {
+    let outputs = config.task.kind.action_dim();
+    let weights = (0..OBSERVATION_DIM * outputs).map(|i| (i % 7) as f32 / 7.0 - 0.4).collect();
+    let layer = Layer { inputs: OBSERVATION_DIM, outputs, weights, biases: vec![0.1; outputs] };
+    let provenance = Provenance { version, run: "run".into(), task_hash: config.task_hash() };
+    Policy::new(provenance, vec![layer]).expect("well formed")
+}
+
+/// The summary of an uneventful episode.
+pub(crate) fn outcome(decisions: u64) -> Outcome {
     Outcome {
         ending: Ending::TimedOut,
         decisions,
