@@ -1,6 +1,7 @@
 //! The actor wing of herd: robot, gait, predictive control, simulation, environment and the loop that runs an episode.
 //!
-//! Everything here is a core: no clock, no I/O, randomness only from the seeds passed in. Reading order:
+//! Cores first, in reading order: no clock, no I/O, randomness only from the seeds passed in. Then the shell that puts
+//! robots into threads and connects them to a learner.
 
 pub mod robot;
 
@@ -17,3 +18,14 @@ pub mod env;
 pub mod explore;
 
 pub mod rollout;
+
+mod backoff;
+mod meter;
+mod policies;
+pub mod run;
+mod simulated;
+mod uplink;
+pub mod worker;
+
+#[cfg(test)]
+mod testing;

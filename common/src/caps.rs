@@ -16,6 +16,8 @@ pub const TRANSITIONS_PER_EPISODE: usize = 10_000;
 pub const NAME_BYTES: usize = 64;
 /// Longest configuration text accepted from the wire or a file.
 pub const CONFIG_BYTES: usize = 1 << 20;
+/// Longest address of a learner.
+pub const ADDRESS_BYTES: usize = 300;
 /// Most layers in a policy, and most numbers in one of them.
 pub const POLICY_LAYERS: usize = 16;
 /// Most weights in one policy layer.

@@ -3,14 +3,19 @@
 //! Wire types stop here and in the learner's service. What comes from outside is checked once, in `convert`; behind it
 //! everybody works with the domain types of `herd_common`.
 
+pub mod address;
 pub mod client;
 pub mod convert;
 mod error;
+pub mod link;
 
 pub use error::WireError;
 
 /// Version of the protocol in `Hello`; raised when old peers can no longer talk to new ones.
 pub const PROTOCOL: u32 = 1;
+
+/// Version of this build, named when two of them do not agree.
+pub const BUILD: &str = env!("CARGO_PKG_VERSION");
 
 /// Generated from `proto/herd/v1/herd.proto`.
 pub mod v1 {
