@@ -4,9 +4,10 @@
 //! knows from the outside what must hold whatever happens; then the faults stop and the run must complete.
 
 use super::commits::Commits;
-use super::ledger::{Ledger, Rules, Work};
+use super::lease::{Claim, Work};
+use super::ledger::{Ledger, Rules};
 use super::record::Committed;
-use super::refusal::{Claim, Reason};
+use super::refusal::Reason;
 use herd_common::config::run::{Exploration, Order};
 use herd_common::episode::{Counts, Ending, Outcome, Reward};
 use herd_common::spaces::OBSERVATION_DIM;

@@ -4,6 +4,7 @@
 //! one learner at a time writes. The ledger does no I/O and knows no clock; the others touch their directory only.
 
 pub mod commits;
+pub mod lease;
 pub mod ledger;
 pub mod record;
 pub mod refusal;

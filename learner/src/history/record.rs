@@ -45,6 +45,7 @@ pub struct Committed {
 
 /// One entry of the journal.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "nearly every record is an episode, so a box would only cost")]
 pub enum Record {
     /// A commit.
     Episode(Committed),
@@ -98,7 +99,9 @@ impl Record {
                 bytes.push(EVALUATION);
                 bytes.extend_from_slice(&version.to_le_bytes());
                 bytes.extend_from_slice(&(outcomes.len() as u32).to_le_bytes());
-                outcomes.iter().for_each(|outcome| encode_outcome(outcome, bytes));
+                for outcome in outcomes {
+                    encode_outcome(outcome, bytes);
+                }
             }
         }
     }
@@ -220,7 +223,9 @@ fn ending_code(ending: Ending) -> u8 {
 /// Appends numbers by their bits.
 pub(super) fn encode_floats(numbers: &[f32], bytes: &mut Vec<u8>) {
     bytes.reserve(numbers.len() * 4);
-    numbers.iter().for_each(|number| bytes.extend_from_slice(&number.to_le_bytes()));
+    for number in numbers {
+        bytes.extend_from_slice(&number.to_le_bytes());
+    }
 }
 
 /// The numbers in `bytes`, four bytes each.
@@ -357,10 +362,10 @@ pub(super) mod tests {
         }
 
         #[test]
-        fn a_flipped_bit_is_refused_or_seen(record in record(), at in any::<prop::sample::Index>(), bit in 0..8) {
+        fn a_flipped_bit_is_refused_or_seen(record in record(), at in any::<prop::sample::Index>(), bit in 0_u8..8) {
             let mut bytes = bytes_of(&record);
             let at = at.index(bytes.len());
-            bytes[at] ^= 1 << bit;
+            bytes[at] ^= 1_u8 << bit;
             if let Ok(other) = Record::decode(&bytes) {
                 prop_assert_eq!(bytes_of(&other), bytes);
             }

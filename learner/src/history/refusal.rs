@@ -1,27 +1,10 @@
 //! Why a message about a lease is refused, told with both sides: what was claimed and what the ledger holds.
 
-use super::ledger::Work;
+use super::lease::Claim;
 use herd_common::{caps, transition};
 
-/// What an actor says its message belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Claim {
-    /// The actor that speaks.
-    pub actor: u64,
-    /// The work it reports on.
-    pub work: Work,
-    /// The attempt it was given with the lease.
-    pub attempt: u32,
-}
-
-impl std::fmt::Display for Claim {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "actor {}, attempt {} of {}", self.actor, self.attempt, self.work)
-    }
-}
-
 /// A message that changed nothing.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Debug, PartialEq, thiserror::Error)]
 #[error("{claim}: {reason}")]
 pub struct Refusal {
     /// What was claimed.
@@ -31,7 +14,7 @@ pub struct Refusal {
 }
 
 /// What is wrong with a message.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Debug, PartialEq, thiserror::Error)]
 pub enum Reason {
     /// Nobody was ever given this work, or it is no longer of interest.
     #[error("this work was not leased")]
