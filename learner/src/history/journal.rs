@@ -169,7 +169,7 @@ impl Journal {
         if run.len() > RUN_BYTES {
             return Err(Error::RunName(run.len()));
         }
-        files::create_dir(dir).map_err(|source| Error::io("create", dir, source))?;
+        files::create_dir(dir).and_then(|()| files::sweep(dir)).map_err(|source| Error::io("create", dir, source))?;
         let found = scan(dir, run)?;
         if let Some(newest) = found.ends.last().filter(|newest| newest.epoch >= epoch) {
             return Err(Error::Fenced { dir: dir.to_owned(), found: newest.epoch, epoch });
@@ -336,4 +336,49 @@ fn scan_segment(segment: &Segment, run: &str, newest: bool, records: &mut u64) -
         }
     }
     Ok(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs::OpenOptions;
+
+    fn journal_on(device: &str) -> (tempfile::TempDir, Journal) {
+        let dir = tempfile::tempdir().expect("directory");
+        let (mut journal, _) = Journal::open(dir.path(), "run", 1).expect("opened");
+        journal.file = OpenOptions::new().write(true).open(device).expect("device");
+        (dir, journal)
+    }
+
+    fn record() -> Record {
+        Record::Evaluation { version: 3, outcomes: Vec::new() }
+    }
+
+    #[test]
+    fn a_failed_sync_is_final() {
+        // This device takes every byte and cannot be synced.
+        let (_dir, mut journal) = journal_on("/dev/null");
+        journal.append(&record()).expect("in memory");
+        assert!(journal.sync().expect_err("not synced").to_string().starts_with("journal: sync"));
+        assert_eq!(journal.durable(), 0);
+        for result in [journal.append(&record()), journal.flush(), journal.sync()] {
+            assert!(matches!(result, Err(Error::Poisoned)), "{result:?}");
+        }
+        assert!(journal.replay_from(Position::START).is_err());
+    }
+
+    #[test]
+    fn a_failed_write_that_cannot_be_taken_back_is_final() {
+        // This device is always full and cannot be cut.
+        let (_dir, mut journal) = journal_on("/dev/full");
+        journal.append(&record()).expect("in memory");
+        assert!(journal.sync().expect_err("full").to_string().starts_with("journal: write"));
+        assert!(matches!(journal.sync(), Err(Error::Poisoned)));
+    }
+
+    #[test]
+    fn nothing_to_sync_is_no_sync() {
+        let (_dir, mut journal) = journal_on("/dev/null");
+        journal.sync().expect("nothing to do");
+    }
 }
