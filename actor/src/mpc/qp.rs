@@ -105,6 +105,13 @@ impl Qp {
         }
     }
 
+    /// The largest violation among the rows of one foot with this force, N.
+    #[inline]
+    pub(super) fn worst_violation(&self, force: &[f64; 3]) -> f64 {
+        let [x, y, z] = *force;
+        (x.abs().max(y.abs()) - self.friction * z).max(z - self.force_max_n)
+    }
+
     /// ½ uᵀHu + gᵀu.
     pub fn cost(&self, forces: &[f64]) -> f64 {
         (0..self.variables())

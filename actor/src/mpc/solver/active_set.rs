@@ -75,15 +75,21 @@ impl ActiveSet {
         self.cholesky.solve(&mut self.u);
     }
 
+    /// The row not held that is violated most, if any is by more than rounding.
     fn most_violated(&self, qp: &Qp) -> Option<Candidate> {
-        let forces = self.u.as_flattened();
-        let mut worst: Option<Candidate> = None;
+        let forces = &self.u.as_flattened()[..qp.variables()];
         let mut limit = TOLERANCE * qp.force_max_n;
-        for row in 0..qp.rows() {
-            let violation = qp.row(row).violation(forces);
-            if violation > limit && !self.working.holds(row) {
-                limit = violation;
-                worst = Some(Candidate { row, violation });
+        let mut worst = None;
+        for (foot, force) in forces.as_chunks::<3>().0.iter().enumerate() {
+            // Most feet are inside: look at rows one by one only where one of them can win.
+            if qp.worst_violation(force) > limit {
+                for row in foot * Qp::ROWS_PER_FOOT..(foot + 1) * Qp::ROWS_PER_FOOT {
+                    let violation = qp.row(row).violation(forces);
+                    if violation > limit && !self.working.holds(row) {
+                        limit = violation;
+                        worst = Some(Candidate { row, violation });
+                    }
+                }
             }
         }
         worst

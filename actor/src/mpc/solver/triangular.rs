@@ -14,6 +14,7 @@ use super::super::qp::LANES;
 pub(super) type Lane = [f64; LANES];
 
 /// The inner product, summed lane-wise with one order of additions.
+#[inline]
 pub(super) fn dot(a: &[Lane], b: &[Lane]) -> f64 {
     let mut sums = [0.0; LANES];
     for (a, b) in a.iter().zip(b) {
@@ -21,10 +22,11 @@ pub(super) fn dot(a: &[Lane], b: &[Lane]) -> f64 {
             sums[l] += a[l] * b[l];
         }
     }
-    (sums[0] + sums[1]) + (sums[2] + sums[3])
+    sum(sums)
 }
 
 /// `y += scale · x`.
+#[inline]
 pub(super) fn add_scaled(y: &mut [Lane], scale: f64, x: &[Lane]) {
     for (y, x) in y.iter_mut().zip(x) {
         for l in 0..LANES {
@@ -85,98 +87,124 @@ impl Cholesky {
     /// Solves Uᵀ v = b in place; lanes of b before `first` are zero and stay so.
     pub(super) fn solve_transposed(&self, b: &mut [Lane], first: usize) {
         for block in first..self.width {
-            let rows = self.block(block);
+            let [r0, r1, r2, r3] = quad(&self.rows[block * LANES * self.width..], self.width, block);
+            let inverse = &self.inverse_diagonal[block];
             let (head, rest) = b.split_at_mut(block + 1);
             let v = &mut head[block];
-            let inverse = &self.inverse_diagonal[block];
-            for p in 0..LANES {
-                for q in 0..p {
-                    v[p] -= rows[q][block][p] * v[q];
-                }
-                v[p] *= inverse[p];
-            }
-            let tails = rows.map(|row| &row[block + 1..]);
-            for (j, y) in rest.iter_mut().enumerate() {
-                for l in 0..LANES {
-                    y[l] -= (v[0] * tails[0][j][l] + v[1] * tails[1][j][l])
-                        + (v[2] * tails[2][j][l] + v[3] * tails[3][j][l]);
-                }
-            }
+            v[0] *= inverse[0];
+            v[1] = (v[1] - r0[0][1] * v[0]) * inverse[1];
+            v[2] = (v[2] - r0[0][2] * v[0] - r1[0][2] * v[1]) * inverse[2];
+            v[3] = (v[3] - r0[0][3] * v[0] - r1[0][3] * v[1] - r2[0][3] * v[2]) * inverse[3];
+            subtract_rows(rest, *v, [&r0[1..], &r1[1..], &r2[1..], &r3[1..]]);
         }
     }
 
     /// Solves U x = b in place.
     pub(super) fn solve(&self, b: &mut [Lane]) {
         for block in (0..self.width).rev() {
-            let rows = self.block(block);
-            let (head, rest) = b.split_at_mut(block + 1);
-            let x = &mut head[block];
-            let mut sums = [[0.0; LANES]; LANES];
-            let tails = rows.map(|row| &row[block + 1..]);
-            for (j, known) in rest.iter().enumerate() {
-                for p in 0..LANES {
-                    for l in 0..LANES {
-                        sums[p][l] += tails[p][j][l] * known[l];
-                    }
-                }
-            }
+            let [r0, r1, r2, r3] = quad(&self.rows[block * LANES * self.width..], self.width, block);
             let inverse = &self.inverse_diagonal[block];
-            for p in (0..LANES).rev() {
-                x[p] -= (sums[p][0] + sums[p][1]) + (sums[p][2] + sums[p][3]);
-                for q in p + 1..LANES {
-                    x[p] -= rows[p][block][q] * x[q];
-                }
-                x[p] *= inverse[p];
-            }
+            let (head, rest) = b.split_at_mut(block + 1);
+            let [s0, s1, s2, s3] = dot_rows(rest, [&r0[1..], &r1[1..], &r2[1..], &r3[1..]]);
+            let x = &mut head[block];
+            x[3] = (x[3] - s3) * inverse[3];
+            x[2] = (x[2] - s2 - r2[0][3] * x[3]) * inverse[2];
+            x[1] = (x[1] - s1 - r1[0][3] * x[3] - r1[0][2] * x[2]) * inverse[1];
+            x[0] = (x[0] - s0 - r0[0][3] * x[3] - r0[0][2] * x[2] - r0[0][1] * x[1]) * inverse[0];
         }
     }
+}
 
-    /// The four rows of a block.
-    fn block(&self, block: usize) -> [&[Lane]; LANES] {
-        let rows = &self.rows[block * LANES * self.width..][..LANES * self.width];
-        std::array::from_fn(|p| &rows[p * self.width..][..self.width])
+/// The first four rows, `width` lanes each, from lane `from` on.
+#[inline]
+fn quad(rows: &[Lane], width: usize, from: usize) -> [&[Lane]; 4] {
+    let (r0, rows) = rows.split_at(width);
+    let (r1, rows) = rows.split_at(width);
+    let (r2, rows) = rows.split_at(width);
+    [&r0[from..], &r1[from..], &r2[from..], &rows[from..width]]
+}
+
+/// `y −= Σ scale · row` over four rows as long as y.
+#[inline]
+fn subtract_rows(y: &mut [Lane], scale: Lane, rows: [&[Lane]; 4]) {
+    let n = y.len();
+    let (r0, r1, r2, r3) = (&rows[0][..n], &rows[1][..n], &rows[2][..n], &rows[3][..n]);
+    for j in 0..n {
+        for l in 0..LANES {
+            y[j][l] -= (scale[0] * r0[j][l] + scale[1] * r1[j][l]) + (scale[2] * r2[j][l] + scale[3] * r3[j][l]);
+        }
     }
+}
+
+/// The inner products of x with four rows as long as x.
+#[inline]
+fn dot_rows(x: &[Lane], rows: [&[Lane]; 4]) -> Lane {
+    let n = x.len();
+    let (r0, r1, r2, r3) = (&rows[0][..n], &rows[1][..n], &rows[2][..n], &rows[3][..n]);
+    let (mut s0, mut s1, mut s2, mut s3) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for j in 0..n {
+        for l in 0..LANES {
+            s0[l] += r0[j][l] * x[j][l];
+            s1[l] += r1[j][l] * x[j][l];
+            s2[l] += r2[j][l] * x[j][l];
+            s3[l] += r3[j][l] * x[j][l];
+        }
+    }
+    [sum(s0), sum(s1), sum(s2), sum(s3)]
+}
+
+#[inline]
+fn sum(lane: Lane) -> f64 {
+    (lane[0] + lane[1]) + (lane[2] + lane[3])
 }
 
 /// Factors four rows that nothing is left to be subtracted from; gives the inverse pivots.
 fn factor_panel(panel: &mut [Lane], block: usize, width: usize) -> Result<Lane, (usize, f64)> {
+    let (r0, rest) = panel.split_at_mut(width);
+    let (r1, rest) = rest.split_at_mut(width);
+    let (r2, r3) = rest.split_at_mut(width);
+    let (r0, r1, r2, r3) = (&mut r0[block..], &mut r1[block..], &mut r2[block..], &mut r3[block..]);
+    let mut corner = [r0[0], r1[0], r2[0], r3[0]];
+    let inverse = factor_corner(&mut corner)?;
+    let [u0, u1, u2, u3] = corner;
+    (r0[0], r1[0], r2[0], r3[0]) = (u0, u1, u2, u3);
+    let n = r0.len();
+    let (r1, r2, r3) = (&mut r1[..n], &mut r2[..n], &mut r3[..n]);
+    for j in 1..n {
+        for l in 0..LANES {
+            r0[j][l] *= inverse[0];
+            r1[j][l] = (r1[j][l] - u0[1] * r0[j][l]) * inverse[1];
+            r2[j][l] = (r2[j][l] - u0[2] * r0[j][l] - u1[2] * r1[j][l]) * inverse[2];
+            r3[j][l] = (r3[j][l] - u0[3] * r0[j][l] - u1[3] * r1[j][l] - u2[3] * r2[j][l]) * inverse[3];
+        }
+    }
+    Ok(inverse)
+}
+
+/// Factors a matrix of order four in place, with zeros below the diagonal; gives the inverse pivots.
+#[inline]
+fn factor_corner(corner: &mut [Lane; LANES]) -> Result<Lane, (usize, f64)> {
     let mut inverse = [0.0; LANES];
-    let mut corner: [Lane; LANES] = std::array::from_fn(|p| panel[p * width + block]);
     for p in 0..LANES {
-        let (above, row) = corner.split_at_mut(p);
-        for q in above {
-            let scale = q[p];
-            for l in p..LANES {
-                row[0][l] -= scale * q[l];
+        let (above, rows) = corner.split_at_mut(p);
+        let row = &mut rows[0];
+        for done in above {
+            let scale = done[p];
+            for (value, done) in row[p..].iter_mut().zip(&done[p..]) {
+                *value -= scale * done;
             }
         }
-        let pivot = row[0][p];
+        let pivot = row[p];
         // The negation also catches NaN; the upper bound an overflow.
         if !(pivot > 0.0 && pivot < f64::MAX) {
             return Err((p, pivot));
         }
         let root = pivot.sqrt();
         inverse[p] = 1.0 / root;
-        row[0][p] = root;
-        for value in &mut row[0][p + 1..] {
-            *value *= inverse[p];
-        }
-    }
-    for (p, row) in corner.iter_mut().enumerate() {
         row[..p].fill(0.0);
-        panel[p * width + block] = *row;
-    }
-    let (r0, rest) = panel.split_at_mut(width);
-    let (r1, rest) = rest.split_at_mut(width);
-    let (r2, r3) = rest.split_at_mut(width);
-    let tails =
-        r0[block + 1..].iter_mut().zip(&mut r1[block + 1..]).zip(&mut r2[block + 1..]).zip(&mut r3[block + 1..]);
-    for (((x0, x1), x2), x3) in tails {
-        for l in 0..LANES {
-            x0[l] *= inverse[0];
-            x1[l] = (x1[l] - corner[0][1] * x0[l]) * inverse[1];
-            x2[l] = (x2[l] - corner[0][2] * x0[l] - corner[1][2] * x1[l]) * inverse[2];
-            x3[l] = (x3[l] - corner[0][3] * x0[l] - corner[1][3] * x1[l] - corner[2][3] * x2[l]) * inverse[3];
+        row[p] = root;
+        for value in &mut row[p + 1..] {
+            *value *= inverse[p];
         }
     }
     Ok(inverse)
@@ -184,15 +212,9 @@ fn factor_panel(panel: &mut [Lane], block: usize, width: usize) -> Result<Lane, 
 
 /// Subtracts what the four rows of `panel` contribute to the four rows of block `at`.
 fn subtract_outer(rows: &mut [Lane], panel: &[Lane], at: usize, width: usize) {
-    let panel: [&[Lane]; LANES] = std::array::from_fn(|p| &panel[p * width + at..][..width - at]);
+    let [p0, p1, p2, p3] = quad(panel, width, at);
     for (r, row) in rows.chunks_exact_mut(width).enumerate() {
-        let scales = panel.map(|row| row[0][r]);
-        for (j, y) in row[at..].iter_mut().enumerate() {
-            for l in 0..LANES {
-                y[l] -= (scales[0] * panel[0][j][l] + scales[1] * panel[1][j][l])
-                    + (scales[2] * panel[2][j][l] + scales[3] * panel[3][j][l]);
-            }
-        }
+        subtract_rows(&mut row[at..], [p0[0][r], p1[0][r], p2[0][r], p3[0][r]], [p0, p1, p2, p3]);
     }
 }
 

@@ -10,6 +10,7 @@
 //! L gains a row when one is added and is made triangular again by plane rotations when one is dropped. V itself is
 //! kept instead of an orthonormal basis: no basis has to be rotated, and the first lanes of most v are zero.
 
+use super::super::qp::LANES;
 use super::triangular::{Lane, add_scaled, dot};
 
 /// One row held.
@@ -18,6 +19,8 @@ struct Held {
     row: usize,
     /// Lanes of v before this one are zero.
     first: usize,
+    /// Where v is: at slot · width.
+    slot: usize,
     multiplier: f64,
 }
 
@@ -26,8 +29,9 @@ struct Held {
 pub(super) struct WorkingSet {
     width: usize,
     held: Vec<Held>,
-    /// v of the row held at index k, at k · width.
     vectors: Vec<Lane>,
+    /// Slots of `vectors` that nobody uses.
+    free: Vec<usize>,
     /// L, row k at k (k + 1) / 2.
     factor: Vec<f64>,
     /// 1 / L[k, k].
@@ -50,6 +54,7 @@ impl WorkingSet {
         self.width = width;
         self.held.clear();
         self.vectors.clear();
+        self.free.clear();
         self.factor.clear();
         self.inverse_diagonal.clear();
         self.is_held.clear();
@@ -72,7 +77,7 @@ impl WorkingSet {
         split.half.clear();
         for (k, held) in self.held.iter().enumerate() {
             let from = first.max(held.first);
-            let along = dot(&v[from..], &self.vector(k)[from..]);
+            let along = dot(&v[from..], self.vector(held, from));
             let row = &self.factor[k * (k + 1) / 2..][..k];
             let known: f64 = row.iter().zip(&split.half).map(|(l, y)| l * y).sum();
             split.half.push((along - known) * self.inverse_diagonal[k]);
@@ -89,7 +94,7 @@ impl WorkingSet {
         split.rest.clear();
         split.rest.extend_from_slice(v);
         for (k, held) in self.held.iter().enumerate() {
-            add_scaled(&mut split.rest[held.first..], -split.reply[k], &self.vector(k)[held.first..]);
+            add_scaled(&mut split.rest[held.first..], -split.reply[k], self.vector(held, held.first));
         }
     }
 
@@ -117,8 +122,12 @@ impl WorkingSet {
 
     /// Holds a row whose v was projected: `half` is L⁻¹ Vᵀ v and `rest_norm` the length of z.
     pub(super) fn add(&mut self, row: usize, multiplier: f64, v: (&[Lane], usize), half: &[f64], rest_norm: f64) {
-        self.held.push(Held { row, first: v.1, multiplier });
-        self.vectors.extend_from_slice(v.0);
+        let slot = self.free.pop().unwrap_or_else(|| {
+            self.vectors.resize(self.vectors.len() + self.width, [0.0; LANES]);
+            self.vectors.len() / self.width - 1
+        });
+        self.vectors[slot * self.width..][..self.width].copy_from_slice(v.0);
+        self.held.push(Held { row, first: v.1, slot, multiplier });
         self.factor.extend_from_slice(half);
         self.factor.push(rest_norm);
         self.inverse_diagonal.push(1.0 / rest_norm);
@@ -129,7 +138,7 @@ impl WorkingSet {
     pub(super) fn drop_at(&mut self, index: usize) {
         let held = self.held.remove(index);
         self.is_held[held.row] = false;
-        self.vectors.drain(index * self.width..(index + 1) * self.width);
+        self.free.push(held.slot);
         self.inverse_diagonal.pop();
         // Without row `index`, row k (once k + 1) has one entry right of the diagonal: rotate it away, column by column.
         let q = self.held.len();
@@ -153,8 +162,10 @@ impl WorkingSet {
         self.factor.truncate(q * (q + 1) / 2);
     }
 
-    fn vector(&self, k: usize) -> &[Lane] {
-        &self.vectors[k * self.width..][..self.width]
+    /// The lanes of v from `from` on.
+    #[inline]
+    fn vector(&self, held: &Held, from: usize) -> &[Lane] {
+        &self.vectors[held.slot * self.width..][from..self.width]
     }
 }
 
