@@ -114,7 +114,9 @@ mod tests {
     fn variance_is_that_of_the_definition() {
         let values = [0.1, -0.3, 0.25, 7.0, 0.1];
         let mut spread = Spread::default();
-        values.iter().for_each(|value| spread.add(*value));
+        for value in values {
+            spread.add(value);
+        }
         let mean = values.iter().sum::<f64>() / 5.0;
         let expected = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 5.0;
         assert!((spread.variance() - expected).abs() < 1e-12);
