@@ -38,9 +38,9 @@ impl Shelf {
         if order.random || config.task.kind == Task::Constant {
             return Need::Nothing;
         }
-        self.held.get(&order.policy_version).map_or(Need::Missing(order.policy_version), |policy| {
-            Need::Policy(policy.clone())
-        })
+        self.held
+            .get(&order.policy_version)
+            .map_or(Need::Missing(order.policy_version), |policy| Need::Policy(policy.clone()))
     }
 
     /// True when `version` has not been asked for yet; it counts as asked for from here on.

@@ -250,12 +250,12 @@ fn refused(address: &str, source: client::Error) -> Error {
 
 /// The task that both sides mean.
 fn agree(welcome: &Welcome, insisted: Option<&Config>) -> Result<Task, Error> {
-    let differ =
-        |reason: String| Error::Builds { ours: herd_proto::BUILD, theirs: welcome.build.clone(), reason };
+    let differ = |reason: String| Error::Builds { ours: herd_proto::BUILD, theirs: welcome.build.clone(), reason };
     if welcome.config.len() > caps::CONFIG_BYTES {
         return Err(differ(format!("its configuration takes {} bytes", welcome.config.len())));
     }
-    let config = Config::from_toml(&welcome.config, "the learner's configuration").map_err(|e| differ(e.to_string()))?;
+    let config =
+        Config::from_toml(&welcome.config, "the learner's configuration").map_err(|e| differ(e.to_string()))?;
     let hashes = [Some(config.task_hash()), insisted.map(Config::task_hash)];
     for hash in hashes.into_iter().flatten().filter(|hash| *hash != welcome.task_hash) {
         let (ours, theirs) = (short(&hash), short(&welcome.task_hash));

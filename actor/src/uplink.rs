@@ -188,7 +188,9 @@ impl<'a> Session<'a> {
         let Event { robot, work, attempt, what } = event;
         let wanted = self.running.get(&robot).is_some_and(|running| !running.cancel.is_cancelled());
         let report = match what {
-            What::Piece { first, batch } => return Ok(wanted.then_some(Report::Transitions { work, attempt, first, batch })),
+            What::Piece { first, batch } => {
+                return Ok(wanted.then_some(Report::Transitions { work, attempt, first, batch }));
+            }
             What::Finished(outcome) => wanted.then_some(Report::Finished { work, attempt, outcome }),
             What::Dropped if wanted => return Err(Error::Internal(format!("{work} was dropped though it is wanted"))),
             What::Dropped => None,
@@ -220,10 +222,7 @@ async fn newest(policies: &mut Option<PolicyStream>) -> Policy {
 
 /// The next event, once there is room for what it may have to say; nothing is lost when this is dropped half way. Waits
 /// for ever when the stream is closed: the receiving half says why.
-async fn reportable<'s>(
-    sender: &'s Sender,
-    told: &mut mpsc::Receiver<Event>,
-) -> (herd_proto::link::Permit<'s>, Event) {
+async fn reportable<'s>(sender: &'s Sender, told: &mut mpsc::Receiver<Event>) -> (herd_proto::link::Permit<'s>, Event) {
     match sender.reserve().await {
         Some(permit) => match told.recv().await {
             Some(event) => (permit, event),

@@ -216,8 +216,7 @@ mod tests {
         fn assign(&self, episode: u64) -> CancellationToken {
             let cancel = CancellationToken::new();
             let (task, events) = (self.task.clone(), self.events.clone());
-            let assignment =
-                Assignment { order: order(episode), policy: None, task, cancel: cancel.clone(), events };
+            let assignment = Assignment { order: order(episode), policy: None, task, cancel: cancel.clone(), events };
             assert!(self.pool.assign(0, assignment));
             cancel
         }

@@ -11,7 +11,9 @@ use std::time::Duration;
 
 /// Write a checkpoint now.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  herd checkpoint --run-dir runs/first\n  herd checkpoint --learner node-1:7447 --json")]
+#[command(
+    after_help = "Examples:\n  herd checkpoint --run-dir runs/first\n  herd checkpoint --learner node-1:7447 --json"
+)]
 pub(crate) struct CheckpointArgs {
     #[command(flatten)]
     learner: LearnerArgs,
@@ -33,7 +35,9 @@ pub(crate) struct StopArgs {
 
 /// Wait until the learner serves, for scripts and engines; exits with 75 when it does not in time.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  herd wait-ready --run-dir runs/first --timeout 60 && herd status --run-dir runs/first")]
+#[command(
+    after_help = "Examples:\n  herd wait-ready --run-dir runs/first --timeout 60 && herd status --run-dir runs/first"
+)]
 pub(crate) struct WaitReadyArgs {
     #[command(flatten)]
     learner: LearnerArgs,

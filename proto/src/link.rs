@@ -255,8 +255,7 @@ mod tests {
     #[test]
     fn answers_come_back() {
         let seed = Seed::from_number(4);
-        let order =
-            Order { work: Work::Episode(3), attempt: 1, seed, policy_version: 7, sigma: 0.25, random: false };
+        let order = Order { work: Work::Episode(3), attempt: 1, seed, policy_version: 7, sigma: 0.25, random: false };
         let wire = v1::LearnerMessage { message: Some(Down::Lease(order.into())) };
         assert_eq!(Answer::try_from(wire).expect("valid"), Answer::Lease(order));
         let refused = v1::Refused { work: Some(order.work.into()), attempt: 1, reason: "late".into() };

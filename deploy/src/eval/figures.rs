@@ -117,8 +117,7 @@ mod tests {
         let counts = Counts { qp_solves: 10, qp_failures: 1, ..Counts::default() };
         let (roll_variance, pitch_variance) = (1e-4, 2e-4);
         let (seconds, decisions) = (10.0, 50);
-        let outcome =
-            Outcome { ending, decisions, seconds, reward, distance_m, roll_variance, pitch_variance, counts };
+        let outcome = Outcome { ending, decisions, seconds, reward, distance_m, roll_variance, pitch_variance, counts };
         Episode { outcome, wall_secs: 2.0 }
     }
 

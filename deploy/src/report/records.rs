@@ -114,7 +114,8 @@ mod tests {
 
     #[test]
     fn the_mean_runs_over_its_window() {
-        let points: Vec<(f64, f64)> = [2.0, 4.0, 6.0, 8.0].into_iter().enumerate().map(|(i, y)| (i as f64, y)).collect();
+        let points: Vec<(f64, f64)> =
+            [2.0, 4.0, 6.0, 8.0].into_iter().enumerate().map(|(i, y)| (i as f64, y)).collect();
         let means: Vec<f64> = running_mean(&points, 2).into_iter().map(|(_, y)| y).collect();
         assert_eq!(means, [2.0, 3.0, 5.0, 7.0]);
     }

@@ -111,7 +111,8 @@ fn actors(actors: &[Actor]) -> String {
     let head = head.split(' ').map(str::to_owned).collect();
     let rows = actors.iter().map(|a| {
         let text = [a.id.to_string(), a.host.clone(), a.pid.to_string(), a.robots.to_string(), a.leases.to_string()];
-        let work = [count(a.episodes), count(a.falls), format!("{:.1}×", a.realtime_factor), a.policy_version.to_string()];
+        let work =
+            [count(a.episodes), count(a.falls), format!("{:.1}×", a.realtime_factor), a.policy_version.to_string()];
         let rest = [
             format!("{:.0}", a.qp.p50_micros),
             format!("{:.0}", a.qp.p99_micros),

@@ -111,4 +111,3 @@ fn actor(args: &Args, index: u32) -> anyhow::Result<Child> {
     let words = vec!["actor".into(), "--learner".into(), address, "--robots".into(), args.robots.to_string().into()];
     Child::new(&format!("actor-{index}"), words, &args.run_dir)
 }
-

@@ -1,8 +1,8 @@
 //! What a training leaves to say: figures, where the policy is, what to try next.
 
+use crate::out;
 use crate::status::endings;
 use crate::table::{count, duration, facts, percent};
-use crate::out;
 use herd_common::status::Status;
 use std::path::Path;
 
@@ -43,7 +43,8 @@ pub(crate) fn already_complete(run_dir: &Path, done: u64, target: u64) -> String
 
 fn text(run_dir: &Path, run: &Run) -> String {
     let state = if run.done >= run.target { "complete" } else { "stopped; the same command continues it" };
-    let mut lines = vec![("run", state.to_owned()), ("episodes", format!("{} of {}", count(run.done), count(run.target)))];
+    let mut lines =
+        vec![("run", state.to_owned()), ("episodes", format!("{} of {}", count(run.done), count(run.target)))];
     if let Some(s) = &run.status {
         let evaluation = s.returns.evaluation.map_or("none yet".to_owned(), |mean| format!("{mean:.1}"));
         lines.extend([
