@@ -10,7 +10,7 @@ use std::time::Duration;
 
 /// The pauses of one actor.
 #[derive(Debug)]
-pub struct Backoff {
+pub(crate) struct Backoff {
     seed: Seed,
     pauses: u64,
     failures: u32,
@@ -18,12 +18,12 @@ pub struct Backoff {
 
 impl Backoff {
     /// Pauses that depend on `seed` alone.
-    pub fn new(seed: Seed) -> Self {
+    pub(crate) fn new(seed: Seed) -> Self {
         Self { seed, pauses: 0, failures: 0 }
     }
 
     /// The next pause, longer on average after each failure.
-    pub fn pause(&mut self) -> Duration {
+    pub(crate) fn pause(&mut self) -> Duration {
         let (shortest, longest) = caps::RECONNECT_PAUSE;
         let ceiling = shortest.saturating_mul(1 << self.failures.min(16)).min(longest);
         self.failures = self.failures.saturating_add(1);
@@ -34,20 +34,20 @@ impl Backoff {
     }
 
     /// Starts again at the shortest pause, after a success.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         self.failures = 0;
     }
 }
 
 /// Keeps one repeated reason from filling the log.
 #[derive(Debug, Default)]
-pub struct Complaints {
+pub(crate) struct Complaints {
     last: Option<(String, Duration)>,
 }
 
 impl Complaints {
     /// True when `reason` is to be told at `now` (since any fixed origin): it is a new one, or some time has passed.
-    pub fn is_due(&mut self, reason: &str, now: Duration) -> bool {
+    pub(crate) fn is_due(&mut self, reason: &str, now: Duration) -> bool {
         let known = self.last.as_ref().is_some_and(|(last, at)| last == reason && now.saturating_sub(*at) < EVERY);
         if !known {
             self.last = Some((reason.to_owned(), now));

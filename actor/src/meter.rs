@@ -59,7 +59,7 @@ impl Meter {
 
 /// Simulated seconds per second, over a window: episodes end seldom, so one report's worth says little.
 #[derive(Debug)]
-pub struct Realtime {
+pub(crate) struct Realtime {
     /// When and how much was simulated by then, s, oldest first.
     marks: VecDeque<(Duration, f64)>,
 }
@@ -69,12 +69,12 @@ const MARKS: usize = 11;
 
 impl Realtime {
     /// A window that begins at `now` (since any fixed moment).
-    pub fn new(now: Duration, simulated_secs: f64) -> Self {
+    pub(crate) fn new(now: Duration, simulated_secs: f64) -> Self {
         Self { marks: VecDeque::from([(now, simulated_secs)]) }
     }
 
     /// The factor at `now`.
-    pub fn factor(&mut self, now: Duration, simulated_secs: f64) -> f64 {
+    pub(crate) fn factor(&mut self, now: Duration, simulated_secs: f64) -> f64 {
         self.marks.push_back((now, simulated_secs));
         while self.marks.len() > MARKS {
             self.marks.pop_front();

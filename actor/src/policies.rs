@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// What an order needs to be run.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Need {
+pub(crate) enum Need {
     /// Nothing: it acts at random or with a constant gait.
     Nothing,
     /// This policy.
@@ -23,7 +23,7 @@ pub enum Need {
 
 /// Policies by version.
 #[derive(Debug, Default)]
-pub struct Shelf {
+pub(crate) struct Shelf {
     held: BTreeMap<u64, Arc<Policy>>,
     /// Versions in order of arrival, oldest first: what goes when the shelf is full.
     arrived: VecDeque<u64>,
@@ -34,7 +34,7 @@ pub struct Shelf {
 
 impl Shelf {
     /// What `order` needs under `config`.
-    pub fn need(&self, order: &Order, config: &Config) -> Need {
+    pub(crate) fn need(&self, order: &Order, config: &Config) -> Need {
         if order.random || config.task.kind == Task::Constant {
             return Need::Nothing;
         }
@@ -44,17 +44,17 @@ impl Shelf {
     }
 
     /// True when `version` has not been asked for yet; it counts as asked for from here on.
-    pub fn request(&mut self, version: u64) -> bool {
+    pub(crate) fn request(&mut self, version: u64) -> bool {
         self.requested.insert(version)
     }
 
     /// Newest version seen.
-    pub fn newest(&self) -> u64 {
+    pub(crate) fn newest(&self) -> u64 {
         self.newest
     }
 
     /// Adds a policy, after a look at whether it fits the task.
-    pub fn add(&mut self, policy: Policy, config: &Config, task_hash: &str) -> Result<(), String> {
+    pub(crate) fn add(&mut self, policy: Policy, config: &Config, task_hash: &str) -> Result<(), String> {
         policy.expect_task(task_hash).map_err(|e| e.to_string())?;
         let (found, expected) =
             ((policy.observation_dim(), policy.action_dim()), (OBSERVATION_DIM, config.task.kind.action_dim()));

@@ -5,7 +5,6 @@ use crate::explore::{Exploration, explorer};
 use crate::meter::Meter;
 use crate::rollout::run_until;
 use crate::worker::{Emit, Factory, PIECE, Robot};
-use herd_common::config::Config;
 use herd_common::episode::Outcome;
 use herd_common::policy::Policy;
 use herd_common::spaces::Task;
@@ -14,7 +13,7 @@ use herd_common::work::{Order, Work};
 use std::sync::Arc;
 
 /// Makes simulated robots.
-pub fn factory() -> Factory {
+pub(crate) fn factory() -> Factory {
     Arc::new(|robot, config, meter| {
         let env = Env::new(config).with_timer(nanos);
         Box::new(Simulated { robot, env, task: config.task.kind, smoothing: config.exploration.sigma_smoothing, meter })
@@ -86,6 +85,7 @@ fn nanos() -> u64 {
 mod tests {
     use super::*;
     use crate::testing::{order, policy};
+    use herd_common::config::Config;
     use std::ops::ControlFlow;
 
     fn config(sets: &[&str]) -> Config {

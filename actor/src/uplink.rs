@@ -24,7 +24,7 @@ use tokio_util::sync::CancellationToken;
 
 /// Why a stream came to its proper end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
+pub(crate) enum End {
     /// The run has all its episodes.
     Complete,
     /// The actor was asked to stop.
@@ -33,7 +33,7 @@ pub enum End {
 
 /// What outlives a stream.
 #[derive(Debug)]
-pub struct Herd {
+pub(crate) struct Herd {
     /// The robots.
     pub pool: Pool,
     /// What they measure.
@@ -42,7 +42,7 @@ pub struct Herd {
 
 /// One joined stream.
 #[derive(Debug)]
-pub struct Session<'a> {
+pub(crate) struct Session<'a> {
     herd: &'a Herd,
     client: Client,
     task: Arc<Task>,
@@ -72,7 +72,7 @@ impl Drop for Session<'_> {
 
 impl<'a> Session<'a> {
     /// A session of `task` over `client`, and the queue that its robots report to.
-    pub fn new(herd: &'a Herd, client: Client, task: Task) -> (Self, mpsc::Receiver<Event>) {
+    pub(crate) fn new(herd: &'a Herd, client: Client, task: Task) -> (Self, mpsc::Receiver<Event>) {
         let (events, told) = mpsc::channel(caps::UPLINK_QUEUE);
         let session = Self {
             joined: Instant::now(),
@@ -91,7 +91,7 @@ impl<'a> Session<'a> {
     }
 
     /// Serves the stream to its end.
-    pub async fn serve(
+    pub(crate) async fn serve(
         mut self,
         (sender, mut receiver): (Sender, Receiver),
         mut told: mpsc::Receiver<Event>,
