@@ -28,7 +28,10 @@ fn build(path: &Path) {
         Some("debug") | None => "dev",
         Some(other) => other,
     };
-    eprintln!("{} is missing: building it with profile {profile} (cargo test --workspace does so by itself)", path.display());
+    eprintln!(
+        "{} is missing: building it with profile {profile} (cargo test --workspace does so by itself)",
+        path.display()
+    );
     let target = directory.parent().expect("a profile lies in the target directory");
     let status = Command::new(env!("CARGO"))
         .args(["build", "--locked", "--package", "herd", "--profile", profile, "--target-dir"])

@@ -84,7 +84,8 @@ impl Process {
 
     /// Sends a signal to it alone.
     pub fn signal(&self, signal: Signal) {
-        kill_process(Pid::from_child(&self.child), signal).expect("the child has not been waited for, so its id is its own");
+        kill_process(Pid::from_child(&self.child), signal)
+            .expect("the child has not been waited for, so its id is its own");
     }
 
     /// Sends a signal to it and all its children, as a terminal does on Ctrl-C.
