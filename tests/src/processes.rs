@@ -16,7 +16,7 @@ pub struct Found {
 impl Found {
     /// True when it is `herd <subcommand>`.
     pub fn is_herd(&self, subcommand: &str) -> bool {
-        self.words.get(1).is_some_and(|word| word == subcommand)
+        self.words.iter().skip(1).any(|word| word == subcommand)
     }
 
     /// Kills it without warning.

@@ -65,7 +65,7 @@ fn damage_within_the_journal_is_refused_with_its_place() {
     let name = journal.file_name().and_then(|name| name.to_str()).expect("plain name");
     let refused = run.learner().wait(SHORT);
     assert_ne!(refused.code, Some(0), "{}", refused.told());
-    for word in [name, "offset"] {
+    for word in [name, "damaged at byte"] {
         assert!(refused.stderr.contains(word), "no {word}: {}", refused.told());
     }
     assert_eq!(fs::read(&journal).expect("it is there"), before, "a learner that refuses a journal must not change it");
