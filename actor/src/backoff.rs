@@ -30,7 +30,7 @@ impl Backoff {
         self.pauses += 1;
         let share: f64 = self.seed.child("pause", self.pauses).rng().random();
         let floor = shortest / 4;
-        floor + (ceiling - floor).mul_f64(share)
+        floor + ceiling.saturating_sub(floor).mul_f64(share)
     }
 
     /// Starts again at the shortest pause, after a success.

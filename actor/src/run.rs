@@ -113,11 +113,10 @@ pub enum Error {
 impl Error {
     /// True when actor and learner do not fit together, or the actor was told nonsense.
     pub fn is_config(&self) -> bool {
-        match self {
-            Self::Robots(_) | Self::Builds { .. } | Self::Refused { .. } => true,
-            Self::Link(client::Error::Address { .. }) => true,
-            _ => false,
-        }
+        matches!(
+            self,
+            Self::Robots(_) | Self::Builds { .. } | Self::Refused { .. } | Self::Link(client::Error::Address { .. })
+        )
     }
 
     /// True when another try cannot help.
@@ -257,7 +256,7 @@ fn agree(welcome: &Welcome, insisted: Option<&Config>) -> Result<Task, Error> {
     let config =
         Config::from_toml(&welcome.config, "the learner's configuration").map_err(|e| differ(e.to_string()))?;
     let hashes = [Some(config.task_hash()), insisted.map(Config::task_hash)];
-    for hash in hashes.into_iter().flatten().filter(|hash| *hash != welcome.task_hash) {
+    if let Some(hash) = hashes.into_iter().flatten().find(|hash| *hash != welcome.task_hash) {
         let (ours, theirs) = (short(&hash), short(&welcome.task_hash));
         return Err(differ(format!("task {ours} here, task {theirs} there")));
     }

@@ -121,7 +121,7 @@ impl Network {
         let arena = Tensor::from_vec(numbers, Row::COUNT * n, &Device::Cpu)?;
         let layers = |row| layers(&arena, &spans, row, head.activation);
         let (online, target, gradient) = (layers(Row::Online)?, layers(Row::Target)?, layers(Row::Gradient)?);
-        Ok(Self { online, target, gradient, arena, spans })
+        Ok(Self { arena, spans, online, target, gradient })
     }
 
     /// The weights and biases in order, input first.

@@ -11,7 +11,9 @@
 //! multiply-adds in the order of k, on the calling thread: the bits depend neither on the width of the registers nor on
 //! the size of the caches.
 
-use super::kernels::{slice, slice_mut};
+#![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
+
+use super::kernels::slice_mut;
 use candle_core::{CpuStorage, InplaceOp3, Layout, Result, Tensor, bail};
 use pulp::{Simd, WithSimd};
 
@@ -176,7 +178,9 @@ fn pack<const R: usize>(panel: &mut [[f32; R]], a: &Matrix<'_>, first: usize) {
             let row = a.numbers[(first + r) * a.row_stride..].iter().step_by(a.column_stride);
             panel.iter_mut().zip(row).for_each(|(column, x)| column[r] = *x);
         } else {
-            panel.iter_mut().for_each(|column| column[r] = 0.0);
+            for column in panel.iter_mut() {
+                column[r] = 0.0;
+            }
         }
     }
 }
