@@ -10,10 +10,13 @@ use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 use std::hint::black_box;
 
+/// Which legs are in stance in a step of the horizon.
+type Stance = fn(usize) -> [bool; 4];
+
 /// Disturbed states to cycle through.
 const SCENES: u64 = 64;
 
-fn scene(seed: u64, stance: fn(usize) -> [bool; 4]) -> (State, Vec<Step>) {
+fn scene(seed: u64, stance: Stance) -> (State, Vec<Step>) {
     let mut rng = Seed::from_number(seed).rng();
     let mut vector = |scale: f64| Vector3::from_fn(|_, _| rng.random_range(-scale..=scale));
     let state = State {
@@ -46,7 +49,7 @@ fn trot(step: usize) -> [bool; 4] {
 
 fn bench(criterion: &mut Criterion) {
     let body = Body { mass_kg: 13.6, inertia: Matrix3::from_diagonal(&Vector3::new(0.040, 0.082, 0.088)) };
-    let stances: [(&str, fn(usize) -> [bool; 4]); 2] = [("trot", trot), ("four_feet", |_| [true; 4])];
+    let stances: [(_, Stance); 2] = [("trot", trot), ("four_feet", |_| [true; 4])];
     let solvers = [("active_set", control::Solver::ActiveSet), ("clarabel", control::Solver::Clarabel)];
     for (stance_name, stance) in stances {
         let scenes: Vec<_> = (0..SCENES).map(|seed| scene(seed, stance)).collect();

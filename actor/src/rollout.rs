@@ -1,10 +1,12 @@
 //! The one loop that runs an episode: training, evaluation and reports differ in who acts and who listens.
 
-use crate::env::{Env, Observation};
+use crate::env::{Env, Figures, Observation};
 use crate::explore::{Exploration, explorer};
+use herd_common::config::{Config, task};
 use herd_common::episode::{Ending, Outcome};
 use herd_common::policy::Policy;
 use herd_common::seed::Seed;
+use herd_common::spaces::Task;
 use herd_common::transition::Transition;
 use std::ops::ControlFlow;
 
@@ -69,4 +71,69 @@ pub fn run_policy(
         action
     };
     run_episode(env, seed, &mut act, sink)
+}
+
+/// Runs the constant task of this configuration with another gait: what a gait is worth without learning.
+pub fn run_constant(config: &Config, gait: &task::Constant, seed: Seed) -> (Outcome, Figures) {
+    let task = task::Config { kind: Task::Constant, constant: *gait, ..config.task.clone() };
+    let mut env = Env::new(&Config { task, ..config.clone() });
+    let outcome = run_episode(&mut env, seed, &mut |_| Vec::new(), &mut |_| {});
+    (outcome, env.figures(gait.velocity_mps))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A gait whose stride fits its speed.
+    fn gait(velocity_mps: f64) -> task::Constant {
+        task::Constant { velocity_mps, stride_m: velocity_mps * 0.15, lift_m: 0.03, step_secs: 0.15 }
+    }
+
+    #[test]
+    fn the_robot_walks_ten_seconds_at_the_speed_asked_for() {
+        for velocity in [0.2, 0.6, 1.0] {
+            let (outcome, figures) = run_constant(&Config::default(), &gait(velocity), Seed::from_number(1));
+            assert_eq!(outcome.ending, Ending::TimedOut, "{velocity} m/s: {outcome:?}");
+            let speed = outcome.mean_speed();
+            assert!((speed / velocity - 1.0).abs() < 0.05, "{speed} m/s for {velocity} m/s");
+            assert!((figures.mean_speed - speed).abs() < 0.01, "{figures:?}");
+            // The paper's Group_1 has 8.9e-4 and 2.1e-3 rad².
+            assert!(outcome.roll_variance < 2e-4 && outcome.pitch_variance < 1e-3, "{outcome:?}");
+            assert!(outcome.counts.qp_failures == 0 && outcome.counts.saturated_torques == 0, "{:?}", outcome.counts);
+        }
+    }
+
+    #[test]
+    fn random_actions_do_not_trip_the_robot() {
+        let mut env = Env::new(&Config::default());
+        for number in 0..2 {
+            let seed = Seed::from_number(number);
+            let mut random = explorer(Exploration::Uniform, seed);
+            let mut act = |_: &Observation| {
+                let mut action = vec![0.0; 4];
+                random.apply(&mut action);
+                action
+            };
+            let outcome = run_episode(&mut env, seed, &mut act, &mut |_| {});
+            assert_eq!(outcome.ending, Ending::TimedOut, "seed {number}: {outcome:?}");
+        }
+    }
+
+    #[test]
+    fn transitions_are_whole_and_chained() {
+        let config = Config::load(None, &["task.episode_secs=2".to_owned()]).expect("valid");
+        let mut env = Env::new(&config);
+        let mut batch = herd_common::transition::Batch::new(4);
+        let outcome = run_episode(&mut env, Seed::from_number(2), &mut |o| vec![o[0], -1.0, 0.5, 2.0], &mut |t| {
+            batch.push(Transition { action: &t.action.iter().map(|x| x.clamp(-1.0, 1.0)).collect::<Vec<_>>(), ..t });
+        });
+        assert_eq!(batch.validate(), Ok(()));
+        assert_eq!(batch.len() as u64, outcome.decisions);
+        for i in 1..batch.len() {
+            assert_eq!(batch.get(i).observation, batch.get(i - 1).next_observation);
+        }
+        let sum: f64 = batch.rewards.iter().map(|r| f64::from(*r)).sum();
+        assert!((sum - outcome.reward.total()).abs() < 1e-3);
+    }
 }

@@ -9,7 +9,7 @@ use herd_common::episode::Outcome;
 use herd_common::policy::Policy;
 use herd_common::spaces::Task;
 use herd_common::transition::{Batch, Transition};
-use herd_common::work::Order;
+use herd_common::work::{Order, Work};
 use std::sync::Arc;
 
 /// Makes simulated robots.
@@ -53,8 +53,12 @@ impl Robot for Simulated {
             action
         };
         let mut piece = Batch::new(dim);
+        // An evaluation is not stored; its empty pieces still ask whether to go on.
+        let stored = matches!(order.work, Work::Episode(_));
         let mut sink = |transition: Transition<'_>| {
-            piece.push(transition);
+            if stored {
+                piece.push(transition);
+            }
             let full = piece.len() >= PIECE;
             emit(if full { std::mem::replace(&mut piece, Batch::new(dim)) } else { Batch::new(dim) })
         };

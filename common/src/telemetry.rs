@@ -9,7 +9,6 @@ pub fn init(default_filter: &str, json: bool) {
     let builder = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
-        // Colours are for terminals, not for log files.
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false);
     let _ = if json { builder.json().try_init() } else { builder.try_init() };

@@ -11,7 +11,7 @@ use super::stance::Outlook;
 use crate::gait::{Motion, Pair, Planner, Schedule, Swing};
 use crate::mpc::{self, Mpc, Status};
 use crate::robot::{Leg, Model};
-use crate::sim::{Contacts, RobotState};
+use crate::sim::Contacts;
 use herd_common::config::{Config, control, task};
 use herd_common::episode::Counts;
 use nalgebra::{Vector2, Vector3};

@@ -7,23 +7,23 @@ use nalgebra::Vector2;
 
 /// A moving point over the ground, world, m.
 #[derive(Clone, Copy, Debug)]
-pub struct Reference {
+pub(super) struct Reference {
     position: Vector2<f64>,
 }
 
 impl Reference {
     /// A reference that starts here.
-    pub fn new(position: Vector2<f64>) -> Self {
+    pub(super) fn new(position: Vector2<f64>) -> Self {
         Self { position }
     }
 
     /// The point, world, m.
-    pub fn position(&self) -> Vector2<f64> {
+    pub(super) fn position(&self) -> Vector2<f64> {
         self.position
     }
 
     /// Moves for `secs` at `velocity` (m/s), staying within `bound` (m) of the robot along each axis.
-    pub fn advance(&mut self, velocity: &Vector2<f64>, secs: f64, robot: &Vector2<f64>, bound: f64) {
+    pub(super) fn advance(&mut self, velocity: &Vector2<f64>, secs: f64, robot: &Vector2<f64>, bound: f64) {
         let moved = self.position + velocity * secs;
         self.position = robot + (moved - robot).map(|lead| lead.clamp(-bound, bound));
     }

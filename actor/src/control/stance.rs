@@ -66,7 +66,7 @@ impl Outlook<'_> {
             let missing = self.target[axis] - now;
             let ramp_secs = (missing.abs() / self.acceleration).min(ahead);
             velocity[axis] = now + missing.signum() * self.acceleration * ramp_secs;
-            place[axis] += (now + velocity[axis]) / 2.0 * ramp_secs + velocity[axis] * (ahead - ramp_secs);
+            place[axis] += f64::midpoint(now, velocity[axis]) * ramp_secs + velocity[axis] * (ahead - ramp_secs);
         }
         State {
             angles: Vector3::zeros(),

@@ -6,11 +6,11 @@
 
 use super::observation::{Observation, Sense, observe};
 use super::reward::Payer;
-use super::summary::Summary;
+use super::summary::{Figures, Summary};
 use super::{ending, settle};
 use crate::control::{Body, Controller, Latency, Timer};
 use crate::gait::Pair;
-use crate::robot::Model;
+use crate::robot::{GRAVITY, Model};
 use crate::sim::{Contacts, RobotState, World};
 use herd_common::config::Config;
 use herd_common::episode::{Ending, Outcome, Reward};
@@ -130,6 +130,11 @@ impl Env {
         self.summary.outcome(ending, seconds, self.controller.counts())
     }
 
+    /// How well the robot walked so far, if it was asked for `wanted` m/s.
+    pub fn figures(&self, wanted: f64) -> Figures {
+        self.summary.figures(wanted, self.model.mass() * GRAVITY)
+    }
+
     /// How long the MPC's solver took, over all episodes; empty without a timer.
     pub fn qp_latency(&self) -> &Latency {
         self.controller.latency()
@@ -205,7 +210,7 @@ impl Env {
         if self.ending == Some(Ending::Diverged) {
             return;
         }
-        self.summary.tick(&self.state);
+        self.summary.tick(&self.state, &self.torques, self.config.sim.tick_secs);
         if self.payer.is_due(self.ticks) {
             self.summary.sample(&self.state, self.payer.sample(&self.state, &self.torques));
         }
@@ -237,4 +242,113 @@ impl Env {
 fn checked(action: &[f32], task: Task) -> &[f32] {
     assert_eq!(action.len(), task.action_dim(), "length of an action of the {} task", task.name());
     action
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn env(sets: &[&str]) -> Env {
+        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+        Env::new(&Config::load(None, &sets).expect("valid"))
+    }
+
+    /// Everything that a policy could notice of an episode, as bits.
+    fn trace(env: &mut Env, seed: u64, action: &[f32]) -> Vec<u32> {
+        let mut bits: Vec<u32> = env.reset(Seed::from_number(seed)).iter().map(|x| x.to_bits()).collect();
+        loop {
+            let step = env.step(action);
+            bits.extend(step.observation.iter().chain([&step.reward, &step.discount]).map(|x| x.to_bits()));
+            if step.ending.is_some() {
+                return bits;
+            }
+        }
+    }
+
+    #[test]
+    fn an_episode_depends_on_its_seed_alone() {
+        let short = ["task.episode_secs=1"];
+        let mut used = env(&short);
+        let action = [0.3, -0.2, 0.0, -0.5];
+        let first = trace(&mut used, 5, &action);
+        trace(&mut used, 6, &[1.0, 1.0, 1.0, 1.0]);
+        assert_eq!(trace(&mut used, 5, &action), first, "after another episode");
+        assert_eq!(trace(&mut env(&short), 5, &action), first, "in a new environment");
+        assert_ne!(trace(&mut used, 7, &action), first);
+    }
+
+    #[test]
+    fn the_time_limit_truncates_and_cuts_the_last_decision() {
+        let mut env = env(&["task.kind=constant", "task.episode_secs=1", "task.constant.step_secs=0.15"]);
+        env.reset(Seed::from_number(1));
+        let mut steps = Vec::new();
+        while steps.last().is_none_or(|step: &Step| step.ending.is_none()) {
+            steps.push(env.step(&[]));
+        }
+        let (first, last) = (&steps[0], &steps[steps.len() - 1]);
+        assert_eq!((steps.len(), last.ending), (7, Some(Ending::TimedOut)));
+        assert!((f64::from(first.discount) - 0.95).abs() < 1e-6);
+        assert!((f64::from(last.discount) - 0.95_f64.powf(0.1 / 0.15)).abs() < 1e-6);
+        let outcome = env.outcome();
+        let total: f64 = steps.iter().map(|step| f64::from(step.reward)).sum();
+        assert!((outcome.reward.total() - total).abs() < 1e-4);
+        assert_eq!((outcome.decisions, outcome.seconds), (7, 1.0));
+        assert!((outcome.reward.survival - 30.0).abs() < 1e-9);
+        assert_eq!(outcome.first_invalid(), None);
+    }
+
+    #[test]
+    fn a_robot_without_torque_falls_and_that_is_terminal() {
+        let mut env = env(&["task.kind=torque"]);
+        env.reset(Seed::from_number(1));
+        for decisions in 1..400 {
+            let step = env.step(&[0.0; 12]);
+            if let Some(ending) = step.ending {
+                assert!(ending.is_fall(), "{ending:?}");
+                assert_eq!((step.discount, env.outcome().decisions), (0.0, decisions));
+                return;
+            }
+        }
+        panic!("it never fell");
+    }
+
+    #[test]
+    fn torque_decisions_last_25_ms_on_average() {
+        let mut env = env(&["task.kind=torque", "task.ending.height_m=0", "task.episode_secs=0.25"]);
+        env.reset(Seed::from_number(1));
+        let stand = [0.0, 0.0, 0.1].repeat(4);
+        let mut decisions = 1;
+        while env.step(&stand).ending.is_none() {
+            decisions += 1;
+        }
+        assert_eq!(decisions, 10);
+    }
+
+    #[test]
+    fn the_pair_about_to_swing_is_shown_as_front_left_and_rear_right() {
+        // In a steady trot every decision begins alike, so the shown load of the pair that comes down is alike too.
+        let sets = ["task.kind=constant", "task.episode_secs=3"];
+        let sideways = |mirror: &str| {
+            let mut env = env(&[sets[0], sets[1], mirror]);
+            env.reset(Seed::from_number(3));
+            let mut seen = Vec::new();
+            while seen.len() < 19 {
+                seen.push(env.step(&[]).observation);
+            }
+            let at = herd_common::spaces::JOINT_ANGLE.start + 1;
+            (f64::from(seen[16][at]) - f64::from(seen[17][at])).abs()
+        };
+        let (mirrored, plain) = (sideways("task.gait.mirror=true"), sideways("task.gait.mirror=false"));
+        assert!(mirrored < 0.2 * plain, "{mirrored} {plain}");
+    }
+
+    #[test]
+    fn a_strong_push_knocks_the_robot_over() {
+        let mut env = env(&["task.kind=constant"]);
+        env.reset(Seed::from_number(1));
+        env.step(&[]);
+        env.push(&Vector3::new(0.0, 2000.0, 0.0), 0.1);
+        let ending = (0..10).find_map(|_| env.step(&[]).ending);
+        assert!(ending.is_some_and(Ending::is_fall), "{ending:?}");
+    }
 }

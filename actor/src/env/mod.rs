@@ -11,3 +11,4 @@ mod summary;
 
 pub use episode::{Env, Step};
 pub use observation::{Observation, Sense, observe};
+pub use summary::Figures;

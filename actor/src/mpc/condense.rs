@@ -391,7 +391,9 @@ mod tests {
         let n = qp.variables();
         let cost = |at: &[(usize, f64)]| {
             let mut forces = vec![0.0; n];
-            at.iter().for_each(|(index, value)| forces[*index] += value);
+            for (index, value) in at {
+                forces[*index] += value;
+            }
             rolled_out(&state, &horizon, &forces)
         };
         let zero = cost(&[]);

@@ -146,6 +146,13 @@ mod tests {
         assert_eq!(bits(&solution), bits(&again));
     }
 
+    /// A body at rest and a horizon that wants it to stay.
+    fn standstill(stance: &[[bool; 4]]) -> (State, Vec<Step>) {
+        let rest = State { position: Vector3::new(0.0, 0.0, 0.17), ..State::zero() };
+        let horizon = testing::horizon(stance, 0.0, 1);
+        (rest, horizon.into_iter().map(|step| Step { reference: rest, ..step }).collect())
+    }
+
     fn bits(solution: &Solution) -> Vec<u64> {
         solution.forces.iter().flat_map(|force| force.iter().map(|value| value.to_bits())).collect()
     }
@@ -188,9 +195,7 @@ mod tests {
 
     #[test]
     fn standing_carries_the_weight() {
-        let mut horizon = testing::horizon(&[ALL; 10], 0.0, 1);
-        let rest = State { position: Vector3::new(0.0, 0.0, 0.17), ..State::zero() };
-        horizon.iter_mut().for_each(|step| step.reference = rest);
+        let (rest, horizon) = standstill(&[ALL; 10]);
         let solution = solve(control::Solver::ActiveSet, &rest, &horizon);
         let total: Vector3<f64> = solution.forces.iter().sum();
         assert!((total + GRAVITY * testing::body().mass_kg).norm() < 0.5, "{total}");
@@ -198,9 +203,7 @@ mod tests {
 
     #[test]
     fn a_robot_pushed_left_is_pushed_right() {
-        let mut horizon = testing::horizon(&testing::trot(), 0.0, 1);
-        let rest = State { position: Vector3::new(0.0, 0.0, 0.17), ..State::zero() };
-        horizon.iter_mut().for_each(|step| step.reference = rest);
+        let (rest, horizon) = standstill(&testing::trot());
         let pushed = State { velocity: Vector3::new(0.0, 0.5, 0.0), ..rest };
         let side = |state: &State| -> f64 {
             solve(control::Solver::ActiveSet, state, &horizon).forces.iter().map(|force| force.y).sum()

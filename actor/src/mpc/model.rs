@@ -141,7 +141,7 @@ mod tests {
         let to = testing::disturbed(2);
         let model = Linearised::between(&from, &to, &testing::inertia_inverse());
         let (angular, linear) = (Vector3::new(3.0, -2.0, 1.0), Vector3::new(0.4, -0.7, 0.9) + GRAVITY);
-        let yaw = (from.angles.z + to.angles.z) / 2.0;
+        let yaw = f64::midpoint(from.angles.z, to.angles.z);
         let mut system = SMatrix::<f64, 13, 13>::zeros();
         let rates = Rotation3::from_axis_angle(&Vector3::z_axis(), yaw).matrix().transpose();
         system.fixed_view_mut::<3, 3>(0, 6).copy_from(&rates);

@@ -1,9 +1,9 @@
 //! Robots, gaits and disturbances that the tests of the controller share.
 
-use super::{Body, Condenser, Qp, QpSolver, State, Step};
+use super::{Body, Condenser, Qp, State, Step};
 use herd_common::config::{Config, control};
 use herd_common::seed::Seed;
-use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::RngExt;
 
 /// Length of the default horizon.
@@ -115,29 +115,46 @@ pub(super) fn check_optimal(qp: &Qp, forces: &[f64]) {
     }
 }
 
-/// The answer of `solver` made exact: rows whose multiplier exceeds their slack are met as equations.
-pub(super) fn polished(qp: &Qp, solver: &mut impl QpSolver) -> Vec<f64> {
-    let n = qp.variables();
-    let mut forces = vec![0.0; n];
-    solver.solve(qp, &mut forces).expect("the reference solves");
-    let met: Vec<usize> = (0..qp.rows()).filter(|row| qp.row(*row).violation(&forces) > -1e-3).collect();
-    let scale = 1.0 / config().weight_force;
-    let mut system = DMatrix::zeros(n + met.len(), n + met.len());
-    let mut right = DVector::zeros(n + met.len());
-    for i in 0..n {
-        right[i] = -scale * qp.gradient()[i];
-        for j in 0..n {
-            system[(i, j)] = scale * qp.hessian(i, j);
+/// How far, N, `forces` can be from the minimiser: the part of the downhill slope that no row met resists, over the least
+/// curvature. Rows within 1e-8 N of their bounds count as met.
+pub(super) fn error_bound(qp: &Qp, forces: &[f64]) -> f64 {
+    let slope = slope(qp, forces);
+    let mut squares = 0.0;
+    for foot in 0..qp.feet() {
+        let downhill = -Vector3::from_column_slice(&slope[3 * foot..3 * foot + 3]);
+        let met: Vec<Vector3<f64>> = (foot * Qp::ROWS_PER_FOOT..(foot + 1) * Qp::ROWS_PER_FOOT)
+            .map(|row| qp.row(row))
+            .filter(|row| row.violation(forces) > -1e-8)
+            .map(|row| {
+                let mut normal = Vector3::zeros();
+                for (variable, coefficient) in row.terms {
+                    normal[variable - 3 * foot] += coefficient;
+                }
+                normal
+            })
+            .collect();
+        squares += unresisted(&downhill, &met).norm_squared();
+    }
+    squares.sqrt() / config().weight_force
+}
+
+/// The projection of a direction onto {d : normal · d ≤ 0 for all normals}, by trying every face of that cone.
+fn unresisted(direction: &Vector3<f64>, normals: &[Vector3<f64>]) -> Vector3<f64> {
+    let mut best = Vector3::zeros();
+    for face in 0..1_u32 << normals.len() {
+        let mut rest = *direction;
+        let mut basis: Vec<Vector3<f64>> = Vec::new();
+        for (_, normal) in normals.iter().enumerate().filter(|(index, _)| face >> index & 1 == 1) {
+            let new = basis.iter().fold(*normal, |new, known| new - known * known.dot(&new));
+            if new.norm() > 1e-9 {
+                basis.push(new.normalize());
+                rest -= basis[basis.len() - 1] * basis[basis.len() - 1].dot(&rest);
+            }
+        }
+        let feasible = normals.iter().all(|normal| normal.dot(&rest) <= 1e-9 * direction.norm());
+        if feasible && rest.norm() > best.norm() {
+            best = rest;
         }
     }
-    for (k, row) in met.iter().enumerate() {
-        let row = qp.row(*row);
-        right[n + k] = row.bound;
-        for (variable, coefficient) in row.terms {
-            system[(n + k, variable)] += coefficient;
-            system[(variable, n + k)] += coefficient;
-        }
-    }
-    let exact = system.svd(true, true).solve(&right, 1e-10).expect("both factors were asked for");
-    exact.as_slice()[..n].to_vec()
+    best
 }

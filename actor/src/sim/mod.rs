@@ -3,6 +3,8 @@
 mod build;
 mod contact;
 mod convert;
+#[cfg(test)]
+mod invariants;
 mod world;
 
 pub use contact::Contacts;

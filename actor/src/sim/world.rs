@@ -59,7 +59,7 @@ impl RobotState {
     pub fn is_finite(&self) -> bool {
         let vectors = [&self.position, &self.velocity, &self.angular_velocity];
         let all = vectors.into_iter().chain(&self.joints).chain(&self.joint_speeds);
-        all.flat_map(|v| v.iter()).chain(self.rotation.coords.iter()).all(|x| x.is_finite())
+        all.flat_map(|v| v.iter()).chain(self.rotation.coords.iter()).all(|x| f64::is_finite(*x))
     }
 }
 

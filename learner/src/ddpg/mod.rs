@@ -12,6 +12,7 @@ mod kernels;
 mod losses;
 mod networks;
 mod optimizer;
+mod product;
 mod snapshot;
 #[cfg(test)]
 mod tests;

@@ -1,17 +1,18 @@
-//! A fully connected network with its target copy and its moments: four rows of one candle tensor.
+//! A fully connected network, its target copy, gradient and moments: five rows of one candle tensor.
 //!
 //! | symbol | name | shape |
 //! |---|---|---|
-//! | θ, θ′, m, v | weights, target weights, Adam's moments | `[parameters]` each, the rows of `arena` |
+//! | θ, θ′, m, v, g | weights, target weights, Adam's moments, gradient | `[parameters]` each, the rows of `arena` |
 //! | W, b | weight and bias of a layer, views into a row | `[inputs, outputs]`, `[outputs]` |
 //! | x, y | input and output of a layer, y = f(x W + b) | `[batch, inputs]`, `[batch, outputs]` |
 //! | δ | ∂loss/∂(x W + b) | `[batch, outputs]` |
 //!
-//! Hidden layers are ReLU. W stands input-major, so that the forward pass, of which there are most, reads it as the
-//! matrix kernel wants it. No graph is recorded: `deltas`, `gradients` and `input_gradient` are the backward pass.
+//! Hidden layers are ReLU. W stands input-major, so that the forward pass, of which there are most, need not turn it
+//! over. No graph is recorded: `deltas`, `gradients` and `input_gradient` are the backward pass.
 
-use super::kernels::{Activation, AddBias, Slope};
-use candle_core::{Device, Result, Tensor};
+use super::kernels::{Activation, AddBias, Slope, slice_mut};
+use super::product::product;
+use candle_core::{CpuStorage, DType, Device, InplaceOp1, Layout, Result, Tensor};
 use herd_common::seed::Seed;
 use rand::{Rng, RngExt};
 
@@ -26,11 +27,15 @@ pub(super) enum Row {
     Mean,
     /// v, Adam's mean of squared gradients.
     Square,
+    /// g, of the last backward pass; means nothing between updates.
+    Gradient,
 }
 
 impl Row {
-    /// All rows, in the order of the arena.
-    pub(super) const ALL: [Self; 4] = [Self::Online, Self::Target, Self::Mean, Self::Square];
+    /// Rows of an arena.
+    pub(super) const COUNT: usize = 5;
+    /// The rows that last from one update to the next, in the order of the arena.
+    pub(super) const LASTING: [Self; 4] = [Self::Online, Self::Target, Self::Mean, Self::Square];
 
     /// The name in snapshots.
     pub(super) fn name(self) -> &'static str {
@@ -39,6 +44,7 @@ impl Row {
             Self::Target => "target",
             Self::Mean => "mean",
             Self::Square => "square",
+            Self::Gradient => "gradient",
         }
     }
 }
@@ -77,13 +83,14 @@ struct Layer {
     activation: Activation,
 }
 
-/// A network, its target copy and its moments.
+/// A network, its target copy, gradient and moments.
 #[derive(Debug)]
 pub(super) struct Network {
     arena: Tensor,
     spans: Vec<Span>,
     online: Vec<Layer>,
     target: Vec<Layer>,
+    gradient: Vec<Layer>,
 }
 
 /// What a forward pass leaves for the backward pass.
@@ -110,10 +117,11 @@ impl Network {
         }
         let n = row.len();
         let mut numbers = row.repeat(2);
-        numbers.resize(4 * n, 0.0);
-        let arena = Tensor::from_vec(numbers, 4 * n, &Device::Cpu)?;
+        numbers.resize(Row::COUNT * n, 0.0);
+        let arena = Tensor::from_vec(numbers, Row::COUNT * n, &Device::Cpu)?;
         let layers = |row| layers(&arena, &spans, row, head.activation);
-        Ok(Self { online: layers(Row::Online)?, target: layers(Row::Target)?, arena, spans })
+        let (online, target, gradient) = (layers(Row::Online)?, layers(Row::Target)?, layers(Row::Gradient)?);
+        Ok(Self { online, target, gradient, arena, spans })
     }
 
     /// The weights and biases in order, input first.
@@ -121,14 +129,25 @@ impl Network {
         &self.spans
     }
 
-    /// All rows in one tensor, `[4 · parameters]`.
+    /// All rows in one tensor, `[COUNT · parameters]`.
     pub(super) fn arena(&self) -> &Tensor {
         &self.arena
     }
 
+    /// Numbers in one row.
+    pub(super) fn parameters(&self) -> usize {
+        parameters(&self.spans)
+    }
+
     /// The numbers of one weight or bias.
     pub(super) fn read(&self, row: Row, span: &Span) -> Result<Vec<f32>> {
-        view(&self.arena, parameters(&self.spans), row, span)?.flatten_all()?.to_vec1()
+        view(&self.arena, self.parameters(), row, span)?.flatten_all()?.to_vec1()
+    }
+
+    /// Replaces the first rows by `numbers`; the rest of the arena becomes 0.
+    pub(super) fn overwrite(&self, mut numbers: Vec<f32>) -> Result<()> {
+        numbers.resize(Row::COUNT * self.parameters(), 0.0);
+        self.arena.inplace_op1(&Overwrite(numbers))
     }
 
     /// Carries `x` `[batch, inputs]` through the network of this row.
@@ -137,7 +156,8 @@ impl Network {
         let mut inputs = Vec::with_capacity(layers.len());
         let mut x = x.clone();
         for layer in layers {
-            let y = x.matmul(&layer.weight)?;
+            let y = fresh(x.dim(0)?, layer.weight.dim(1)?)?;
+            product(&y, &x, &layer.weight)?;
             y.inplace_op2(&layer.bias, &AddBias(layer.activation))?;
             inputs.push(std::mem::replace(&mut x, y));
         }
@@ -151,37 +171,57 @@ impl Network {
         for (i, layer) in self.online.iter().enumerate().rev() {
             let output = pass.inputs.get(i + 1).unwrap_or(&pass.output);
             delta.inplace_op2(output, &Slope(layer.activation))?;
-            let below = if i > 0 { Some(delta.matmul(&layer.weight.t()?)?) } else { None };
-            deltas.push(delta);
-            let Some(below) = below else { break };
-            delta = below;
+            if i > 0 {
+                let below = fresh(delta.dim(0)?, layer.weight.dim(0)?)?;
+                product(&below, &delta, &layer.weight.t()?)?;
+                deltas.push(std::mem::replace(&mut delta, below));
+            }
         }
+        deltas.push(delta);
         deltas.reverse();
         Ok(deltas)
     }
 
-    /// The gradient of every weight and bias, in the order of `spans`, from the first `rows` of the batch.
-    pub(super) fn gradients(&self, pass: &Pass, deltas: &[Tensor], rows: usize) -> Result<Vec<Tensor>> {
-        let ones = Tensor::ones((1, rows), candle_core::DType::F32, &Device::Cpu)?;
-        let mut gradients = Vec::with_capacity(self.spans.len());
-        for (input, delta) in pass.inputs.iter().zip(deltas) {
+    /// Writes the gradient of every weight and bias into its row, from the first `rows` of the batch.
+    pub(super) fn gradients(&self, pass: &Pass, deltas: &[Tensor], rows: usize) -> Result<()> {
+        let ones = Tensor::ones((1, rows), DType::F32, &Device::Cpu)?;
+        for ((input, delta), gradient) in pass.inputs.iter().zip(deltas).zip(&self.gradient) {
             let delta = delta.narrow(0, 0, rows)?;
-            gradients.push(input.narrow(0, 0, rows)?.t()?.matmul(&delta)?);
-            gradients.push(ones.matmul(&delta)?);
+            product(&gradient.weight, &input.narrow(0, 0, rows)?.t()?, &delta)?;
+            product(&gradient.bias.unsqueeze(0)?, &ones, &delta)?;
         }
-        Ok(gradients)
+        Ok(())
     }
 
     /// ∂loss/∂input for the rows from `first_row` on and the columns from `first_column` on.
     pub(super) fn input_gradient(&self, deltas: &[Tensor], first_row: usize, first_column: usize) -> Result<Tensor> {
         let (delta, weight) = (&deltas[0], &self.online[0].weight);
-        let delta = delta.narrow(0, first_row, delta.dim(0)? - first_row)?;
-        delta.matmul(&weight.narrow(0, first_column, weight.dim(0)? - first_column)?.t()?)
+        let (rows, columns) = (delta.dim(0)? - first_row, weight.dim(0)? - first_column);
+        let gradient = fresh(rows, columns)?;
+        let weight = weight.narrow(0, first_column, columns)?;
+        product(&gradient, &delta.narrow(0, first_row, rows)?, &weight.t()?)?;
+        Ok(gradient)
     }
 }
 
-/// Numbers in one row.
-pub(super) fn parameters(spans: &[Span]) -> usize {
+struct Overwrite(Vec<f32>);
+
+impl InplaceOp1 for Overwrite {
+    fn name(&self) -> &'static str {
+        "overwrite"
+    }
+
+    fn cpu_fwd(&self, storage: &mut CpuStorage, layout: &Layout) -> Result<()> {
+        slice_mut(storage, layout)?.copy_from_slice(&self.0);
+        Ok(())
+    }
+}
+
+fn fresh(rows: usize, columns: usize) -> Result<Tensor> {
+    Tensor::zeros((rows, columns), DType::F32, &Device::Cpu)
+}
+
+fn parameters(spans: &[Span]) -> usize {
     spans.iter().map(Span::len).sum()
 }
 
@@ -219,7 +259,7 @@ fn uniform(bound: f32, rng: &mut impl Rng) -> f32 {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use candle_core::{DType, Var};
+    use candle_core::Var;
 
     /// The online network by candle's own recorded operations.
     pub(crate) fn recorded_forward(vars: &[Var], x: &Tensor, last: Activation) -> Tensor {
@@ -238,11 +278,15 @@ pub(super) mod tests {
 
     /// The online weights as variables of candle's autograd.
     pub(crate) fn variables(network: &Network) -> Vec<Var> {
-        let var = |span: &Span| {
-            let numbers = network.read(Row::Online, span).unwrap();
-            Var::from_tensor(&Tensor::from_vec(numbers, span.shape.as_slice(), &Device::Cpu).unwrap()).unwrap()
+        tensors(network, Row::Online).iter().map(|tensor| Var::from_tensor(tensor).unwrap()).collect()
+    }
+
+    /// A copy of a row's weights and biases.
+    pub(crate) fn tensors(network: &Network, row: Row) -> Vec<Tensor> {
+        let tensor = |span: &Span| {
+            Tensor::from_vec(network.read(row, span).unwrap(), span.shape.as_slice(), &Device::Cpu).unwrap()
         };
-        network.spans().iter().map(var).collect()
+        network.spans().iter().map(tensor).collect()
     }
 
     /// Fails unless `found` is within 1e-4 of `expected`, relative to its largest number.
@@ -276,8 +320,8 @@ pub(super) mod tests {
         let pass = network.forward(Row::Online, x.as_tensor()).unwrap();
         assert_close("output", &pass.output, &y);
         let deltas = network.deltas(&pass, factor.copy().unwrap()).unwrap();
-        let gradients = network.gradients(&pass, &deltas, batch).unwrap();
-        assert_eq!(gradients.len(), vars.len());
+        network.gradients(&pass, &deltas, batch).unwrap();
+        let gradients = tensors(&network, Row::Gradient);
         for ((span, gradient), var) in network.spans().iter().zip(&gradients).zip(&vars) {
             assert_close(&span.name, gradient, store.get(var).unwrap());
         }
@@ -306,7 +350,8 @@ pub(super) mod tests {
             let pass = network.forward(Row::Online, x).unwrap();
             let ones = Tensor::ones((x.dim(0).unwrap(), 1), DType::F32, &Device::Cpu).unwrap();
             let deltas = network.deltas(&pass, ones).unwrap();
-            network.gradients(&pass, &deltas, 3).unwrap()
+            network.gradients(&pass, &deltas, 3).unwrap();
+            tensors(&network, Row::Gradient)
         };
         for (found, expected) in gradients(&both).iter().zip(&gradients(&top)) {
             assert_close("gradient", found, expected);

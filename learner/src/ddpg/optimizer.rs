@@ -11,21 +11,14 @@
 //! Source: Kingma & Ba 2015, algorithm 1. There is no weight decay.
 
 use super::kernels;
-use super::networks::{Network, parameters};
-use candle_core::{CpuStorage, InplaceOp2, Layout, Result, Tensor, bail};
+use super::networks::{Network, Row};
+use candle_core::{CpuStorage, InplaceOp1, Layout, Result, bail};
 
 const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
 const EPSILON: f32 = 1e-8;
 /// Moments smaller than this become 0: numbers below f32's normal range take the slow path of the CPU.
 const SMALLEST_MOMENT: f32 = 1e-30;
-
-/// One network's gradient.
-#[derive(Debug)]
-pub(super) struct Gradient {
-    tensors: Vec<Tensor>,
-    norm: f32,
-}
 
 /// How one step is taken.
 #[derive(Clone, Copy, Debug)]
@@ -40,43 +33,22 @@ pub(super) struct Step {
     pub(super) target_rate: Option<f64>,
 }
 
-impl Gradient {
-    /// Takes the gradients of all weights and biases, in the order of the network's spans.
-    pub(super) fn new(tensors: Vec<Tensor>) -> Result<Self> {
-        let mut sum = 0.0;
-        for tensor in &tensors {
-            sum += f64::from(kernels::sum_of_squares(tensor)?);
-        }
-        Ok(Self { tensors, norm: sum.sqrt() as f32 })
-    }
-
-    /// The gradients, in the order of the network's spans.
-    #[cfg(test)]
-    pub(super) fn tensors(&self) -> &[Tensor] {
-        &self.tensors
-    }
-
-    /// Euclidean length over all of the network's parameters.
-    pub(super) fn norm(&self) -> f32 {
-        self.norm
-    }
+/// Euclidean length of a network's gradient over all of its parameters.
+pub(super) fn norm(network: &Network) -> Result<f32> {
+    let n = network.parameters();
+    Ok(kernels::sum_of_squares(&network.arena().narrow(0, Row::Gradient as usize * n, n)?)?.sqrt())
 }
 
-/// Moves weights, moments and target copy by one step.
-pub(super) fn apply(network: &Network, gradient: &Gradient, step: Step) -> Result<()> {
+/// Moves weights, moments and target copy by one step along the gradient, whose length is `norm`.
+pub(super) fn apply(network: &Network, norm: f32, step: Step) -> Result<()> {
     let clip = step.clip as f32;
-    let adam = Adam {
-        stride: parameters(network.spans()),
-        start: 0,
-        gradient_scale: if clip > 0.0 && gradient.norm > clip { clip / gradient.norm } else { 1.0 },
+    network.arena().inplace_op1(&Adam {
+        parameters: network.parameters(),
+        gradient_scale: if clip > 0.0 && norm > clip { clip / norm } else { 1.0 },
         rate: (step.rate / (1.0 - power(BETA_1, step.count))) as f32,
         root_scale: (1.0 / (1.0 - power(BETA_2, step.count)).sqrt()) as f32,
         target_rate: step.target_rate.map(|rate| rate as f32),
-    };
-    for (span, gradient) in network.spans().iter().zip(&gradient.tensors) {
-        network.arena().inplace_op2(gradient, &Adam { start: span.start, ..adam })?;
-    }
-    Ok(())
+    })
 }
 
 fn power(base: f64, exponent: u64) -> f64 {
@@ -84,50 +56,63 @@ fn power(base: f64, exponent: u64) -> f64 {
     base.powi(i32::try_from(exponent).unwrap_or(i32::MAX))
 }
 
-/// The step of one weight or bias; the arena's rows are `stride` apart.
-#[derive(Clone, Copy)]
 struct Adam {
-    stride: usize,
-    start: usize,
+    parameters: usize,
     gradient_scale: f32,
     rate: f32,
     root_scale: f32,
     target_rate: Option<f32>,
 }
 
-impl InplaceOp2 for Adam {
+/// The part of every row that one round works on.
+struct Rows<'a> {
+    weights: &'a mut [f32],
+    targets: &'a mut [f32],
+    means: &'a mut [f32],
+    squares: &'a mut [f32],
+    gradient: &'a [f32],
+}
+
+/// Numbers of a row that one round works on: what all five rows take of the nearest cache is half of it.
+const ROUND: usize = 1024;
+
+impl InplaceOp1 for Adam {
     fn name(&self) -> &'static str {
         "adam"
     }
 
-    fn cpu_fwd(&self, arena: &mut CpuStorage, arena_at: &Layout, g: &CpuStorage, g_at: &Layout) -> Result<()> {
-        let (arena, g) = (kernels::slice_mut(arena, arena_at)?, kernels::slice(g, g_at)?);
-        let mut rows = arena.chunks_exact_mut(self.stride);
-        let mut row = || rows.next().map(|row| &mut row[self.start..][..g.len()]);
-        let (Some(weights), Some(targets), Some(means), Some(squares)) = (row(), row(), row(), row()) else {
-            bail!("an arena without four rows")
+    fn cpu_fwd(&self, arena: &mut CpuStorage, layout: &Layout) -> Result<()> {
+        let mut rows = kernels::slice_mut(arena, layout)?.chunks_exact_mut(self.parameters);
+        let mut row = || rows.next().map(|row| row.chunks_mut(ROUND));
+        let (Some(weights), Some(targets), Some(means), Some(squares), Some(gradient)) =
+            (row(), row(), row(), row(), row())
+        else {
+            bail!("an arena without five rows")
         };
-        pulp::Arch::new().dispatch(|| {
-            self.weights(weights, means, squares, g);
-            if let Some(rate) = self.target_rate {
-                targets.iter_mut().zip(&*weights).for_each(|(target, weight)| *target += rate * (weight - *target));
-            }
-        });
+        let rounds = weights.zip(targets).zip(means.zip(squares)).zip(gradient);
+        for (((weights, targets), (means, squares)), gradient) in rounds {
+            let rows = Rows { weights, targets, means, squares, gradient };
+            pulp::Arch::new().dispatch(|| self.round(rows));
+        }
         Ok(())
     }
 }
 
 impl Adam {
     #[inline]
-    fn weights(&self, weights: &mut [f32], means: &mut [f32], squares: &mut [f32], g: &[f32]) {
+    fn round(&self, rows: Rows<'_>) {
+        let Rows { weights, targets, means, squares, gradient } = rows;
         let (keep_1, take_1) = (BETA_1 as f32, (1.0 - BETA_1) as f32);
         let (keep_2, take_2) = (BETA_2 as f32, (1.0 - BETA_2) as f32);
-        for (((weight, mean), square), g) in weights.iter_mut().zip(means).zip(squares).zip(g) {
+        for (((weight, mean), square), g) in weights.iter_mut().zip(means).zip(squares).zip(gradient) {
             let g = g * self.gradient_scale;
             let (m, v) = (keep_1 * *mean + take_1 * g, keep_2 * *square + take_2 * g * g);
             *mean = if m.abs() < SMALLEST_MOMENT { 0.0 } else { m };
             *square = if v < SMALLEST_MOMENT { 0.0 } else { v };
             *weight -= self.rate * *mean / (square.sqrt() * self.root_scale + EPSILON);
+        }
+        if let Some(rate) = self.target_rate {
+            targets.iter_mut().zip(&*weights).for_each(|(target, weight)| *target += rate * (weight - *target));
         }
     }
 }
@@ -135,24 +120,27 @@ impl Adam {
 #[cfg(test)]
 mod tests {
     use super::super::kernels::Activation;
-    use super::super::networks::{Head, Row, tests::random};
+    use super::super::networks::{Head, tests::random};
     use super::*;
+    use candle_core::Tensor;
     use herd_common::seed::Seed;
 
     fn network() -> Network {
-        Network::new(&[5, 9, 2], Head { activation: Activation::Linear, init: 0.3 }, Seed::from_number(8)).unwrap()
+        Network::new(&[5, 300, 2], Head { activation: Activation::Linear, init: 0.3 }, Seed::from_number(8)).unwrap()
     }
 
     fn row(network: &Network, row: Row) -> Vec<f32> {
         network.spans().iter().flat_map(|span| network.read(row, span).unwrap()).collect()
     }
 
-    fn gradient(network: &Network, seed: u64) -> (Gradient, Vec<f64>) {
-        let tensors: Vec<Tensor> =
-            network.spans().iter().map(|span| random((1, span.len()), seed + span.start as u64)).collect();
-        let numbers = tensors.iter().flat_map(|t| t.flatten_all().unwrap().to_vec1::<f32>().unwrap());
-        let numbers = numbers.map(f64::from).collect();
-        (Gradient::new(tensors).unwrap(), numbers)
+    /// Puts random numbers times `size` into the gradient row.
+    fn set_gradient(network: &Network, size: f64, seed: u64) -> Vec<f64> {
+        let n = network.parameters();
+        let numbers = random((1, n), seed).flatten_all().unwrap().affine(size, 0.0).unwrap();
+        let keep = network.arena().narrow(0, 0, Row::Gradient as usize * n).unwrap();
+        let all = Tensor::cat(&[&keep, &numbers], 0).unwrap().to_vec1().unwrap();
+        network.overwrite(all).unwrap();
+        numbers.to_vec1::<f32>().unwrap().into_iter().map(f64::from).collect()
     }
 
     /// Ten steps against the textbook in f64, with or without clipping and a target that follows.
@@ -162,11 +150,12 @@ mod tests {
         let mut target = theta.clone();
         let (mut m, mut v) = (vec![0.0; theta.len()], vec![0.0; theta.len()]);
         for t in 1..=10_u64 {
-            let (gradient, g) = gradient(&network, 100 * t);
-            let norm = g.iter().map(|g| g * g).sum::<f64>().sqrt();
-            assert!((norm - f64::from(gradient.norm())).abs() < 1e-5 * norm);
-            let scale = if clip > 0.0 && norm > clip { clip / norm } else { 1.0 };
-            apply(&network, &gradient, Step { rate: 0.01, count: t, clip, target_rate }).unwrap();
+            let g = set_gradient(&network, 1.0, 100 + t);
+            let length = g.iter().map(|g| g * g).sum::<f64>().sqrt();
+            let found = norm(&network).unwrap();
+            assert!((length - f64::from(found)).abs() < 1e-5 * length);
+            let scale = if clip > 0.0 && length > clip { clip / length } else { 1.0 };
+            apply(&network, found, Step { rate: 0.01, count: t, clip, target_rate }).unwrap();
             for i in 0..theta.len() {
                 let g = g[i] * scale;
                 m[i] = 0.9 * m[i] + 0.1 * g;
@@ -193,12 +182,9 @@ mod tests {
     #[test]
     fn moments_never_become_subnormal() {
         let network = network();
-        let (gradient, _) = gradient(&network, 1);
-        let zeros = |g: &Gradient| g.tensors.iter().map(|t| t.zeros_like().unwrap()).collect();
-        let zero = Gradient::new(zeros(&gradient)).unwrap();
-        apply(&network, &gradient, Step { rate: 0.01, count: 1, clip: 0.0, target_rate: None }).unwrap();
-        for count in 2..900 {
-            apply(&network, &zero, Step { rate: 0.01, count, clip: 0.0, target_rate: None }).unwrap();
+        for (count, size) in std::iter::once(1.0).chain(std::iter::repeat_n(0.0, 900)).enumerate() {
+            set_gradient(&network, size, 1);
+            apply(&network, 1.0, Step { rate: 0.01, count: count as u64 + 1, clip: 0.0, target_rate: None }).unwrap();
         }
         assert!(row(&network, Row::Mean).iter().all(|m| *m == 0.0));
         assert!(row(&network, Row::Square).iter().all(|v| *v == 0.0 || v.is_normal()));

@@ -6,7 +6,6 @@
 use super::error::Error;
 use super::networks::{Network, Row};
 use super::update::Ddpg;
-use candle_core::{CpuStorage, InplaceOp1, Layout};
 use serde::{Deserialize, Serialize};
 
 /// One tensor of a snapshot.
@@ -50,7 +49,7 @@ impl Ddpg {
     pub fn save(&self) -> Result<Snapshot, Error> {
         let mut records = Vec::new();
         for (name, network) in self.networks() {
-            for row in Row::ALL {
+            for row in Row::LASTING {
                 for span in network.spans() {
                     let name = format!("{name}.{}.{}", row.name(), span.name);
                     records.push(Record { name, shape: span.shape.clone(), values: network.read(row, span)? });
@@ -66,7 +65,7 @@ impl Ddpg {
         let mut arenas = Vec::new();
         for (name, network) in self.networks() {
             let mut numbers = Vec::new();
-            for row in Row::ALL {
+            for row in Row::LASTING {
                 for span in network.spans() {
                     let name = format!("{name}.{}.{}", row.name(), span.name);
                     numbers.extend_from_slice(expect(records.next(), &name, &span.shape)?);
@@ -81,7 +80,7 @@ impl Ddpg {
             });
         }
         for ((_, network), numbers) in self.networks().zip(arenas) {
-            network.arena().inplace_op1(&Overwrite(numbers))?;
+            network.overwrite(numbers)?;
         }
         self.counters = snapshot.counters;
         Ok(())
@@ -117,17 +116,4 @@ fn expect<'a>(record: Option<&'a Record>, name: &str, shape: &[usize]) -> Result
 
 fn describe(name: &str, shape: &[usize]) -> String {
     format!("tensor {name} {shape:?}")
-}
-
-struct Overwrite(Vec<f32>);
-
-impl InplaceOp1 for Overwrite {
-    fn name(&self) -> &'static str {
-        "overwrite"
-    }
-
-    fn cpu_fwd(&self, storage: &mut CpuStorage, layout: &Layout) -> candle_core::Result<()> {
-        super::kernels::slice_mut(storage, layout)?.copy_from_slice(&self.0);
-        Ok(())
-    }
 }

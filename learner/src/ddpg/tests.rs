@@ -1,6 +1,6 @@
 //! Tests of the learner as a whole: gradients against autograd, bits, snapshots, faults, and learning itself.
 
-use super::networks::tests::{assert_close, recorded_forward, variables};
+use super::networks::tests::{assert_close, recorded_forward, tensors, variables};
 use super::networks::{Network, Row};
 use super::update::{Batch, Ddpg, Dims, Update};
 use super::{Error, kernels::Activation, losses};
@@ -64,14 +64,14 @@ fn gradients_match_autograd() {
         let found = ddpg.findings(&batch, &y, true).unwrap();
 
         let mut critic_loss = 0.0;
-        for (critic, gradient) in ddpg.critics.iter().zip(&found.critics) {
+        for critic in &ddpg.critics {
             let vars = variables(critic);
             let values = recorded_forward(&vars, &batch.state_actions, Activation::Linear);
             let loss = losses::critic(&values, &y).unwrap();
             critic_loss += loss.to_scalar::<f32>().unwrap() / ddpg.critics.len() as f32;
             let store = loss.backward().unwrap();
-            for ((span, gradient), var) in critic.spans().iter().zip(gradient.tensors()).zip(&vars) {
-                assert_close(&span.name, gradient, store.get(var).unwrap());
+            for ((span, gradient), var) in critic.spans().iter().zip(tensors(critic, Row::Gradient)).zip(&vars) {
+                assert_close(&span.name, &gradient, store.get(var).unwrap());
             }
         }
         assert!((found.update.critic_loss - critic_loss).abs() < 1e-5 * critic_loss);
@@ -82,9 +82,8 @@ fn gradients_match_autograd() {
         let loss = losses::actor(&recorded_forward(&critic, &inputs, Activation::Linear)).unwrap();
         assert!((found.update.actor_loss.unwrap() - loss.to_scalar::<f32>().unwrap()).abs() < 1e-5);
         let store = loss.backward().unwrap();
-        let gradient = found.actor.unwrap();
-        for ((span, gradient), var) in ddpg.actor.spans().iter().zip(gradient.tensors()).zip(&actor) {
-            assert_close(&format!("actor.{}", span.name), gradient, store.get(var).unwrap());
+        for ((span, gradient), var) in ddpg.actor.spans().iter().zip(tensors(&ddpg.actor, Row::Gradient)).zip(&actor) {
+            assert_close(&format!("actor.{}", span.name), &gradient, store.get(var).unwrap());
         }
     }
 }
@@ -100,12 +99,17 @@ fn targets_take_the_lower_critic_at_a_clipped_action() {
         numbers(critic.forward(Row::Target, &inputs).unwrap().output)
     };
 
-    let still = learner(&["ddpg.twin_critic=true", "ddpg.smoothing_sigma=0", "ddpg.output_init=1.0"]);
     let batch = Batch::new(&minibatch, DIMS, 0.5).unwrap();
+    let sets = config(&["ddpg.twin_critic=true", "ddpg.smoothing_sigma=0", "ddpg.output_init=0.5"]);
+    let both_are_lower_somewhere = |seed| {
+        let still = Ddpg::new(&sets, DIMS, Seed::from_number(seed)).unwrap();
+        let actions = still.actor.forward(Row::Target, &batch.next_observations).unwrap().output;
+        let [one, two] = [0, 1].map(|i| value(&still.critics[i], &actions, &batch));
+        let mixed = one.iter().zip(&two).any(|(a, b)| a < b) && one.iter().zip(&two).any(|(a, b)| a > b);
+        mixed.then_some((still, one, two))
+    };
+    let (still, one, two) = (0..100).find_map(both_are_lower_somewhere).expect("critics differ in both directions");
     let y = numbers(still.targets(&batch, &mut Seed::from_number(1).rng()).unwrap());
-    let actions = still.actor.forward(Row::Target, &batch.next_observations).unwrap().output;
-    let (one, two) = (value(&still.critics[0], &actions, &batch), value(&still.critics[1], &actions, &batch));
-    assert!(one.iter().zip(&two).any(|(a, b)| a < b) && one.iter().zip(&two).any(|(a, b)| a > b));
     for i in 0..64 {
         assert_eq!(y[i], 0.5 * minibatch.rewards[i] + minibatch.discounts[i] * one[i].min(two[i]));
     }

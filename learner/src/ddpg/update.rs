@@ -14,7 +14,7 @@ use super::error::Error;
 use super::kernels::Activation;
 use super::losses;
 use super::networks::{Head, Network, Pass, Row};
-use super::optimizer::{Gradient, Step, apply};
+use super::optimizer::{Step, apply, norm};
 use super::snapshot::Counters;
 use crate::replay::{Minibatch, Replay};
 use candle_core::{Device, Tensor};
@@ -69,19 +69,18 @@ pub(super) struct Batch {
     pub(super) next_observations: Tensor,
 }
 
-/// Everything that one update found out before it changes a weight.
+/// What one update found out before it changes a weight; the gradients themselves stand in the networks.
 pub(super) struct Findings {
     pub(super) update: Update,
-    pub(super) critics: Vec<Gradient>,
-    pub(super) actor: Option<Gradient>,
+    /// Lengths of the critics' gradients.
+    critics: Vec<f32>,
+    /// Length of the actor's gradient, if the actor is to move.
+    actor: Option<f32>,
 }
 
 impl Ddpg {
     /// Fresh networks; every random number descends from `seed`.
-    ///
-    /// Turns off threads in the matrix kernels of this process: the trainer is one thread, and actors have the others.
     pub fn new(config: &Config, dims: Dims, seed: Seed) -> Result<Self, Error> {
-        gemm::set_threading_threshold(usize::MAX);
         let widths = |input, output| [&[input], config.hidden.as_slice(), &[output]].concat();
         let head = |activation| Head { activation, init: config.output_init };
         let actor = widths(dims.observation, dims.action);
@@ -182,7 +181,7 @@ impl Ddpg {
         Ok(())
     }
 
-    /// Losses and gradients; changes nothing.
+    /// Losses and gradients; changes nothing that lasts.
     pub(super) fn findings(&self, batch: &Batch, targets: &Tensor, moves_actor: bool) -> Result<Findings, Error> {
         let actor_pass = if moves_actor { Some(self.actor.forward(Row::Online, &batch.observations)?) } else { None };
         let mut critics = Vec::with_capacity(self.critics.len());
@@ -199,9 +198,10 @@ impl Ddpg {
             if let (Some(pass), Some((loss, action_gradient))) = (guided, judged.guidance) {
                 update.actor_loss = Some(loss);
                 let deltas = self.actor.deltas(pass, action_gradient)?;
-                actor = Some(Gradient::new(self.actor.gradients(pass, &deltas, batch.len)?)?);
+                self.actor.gradients(pass, &deltas, batch.len)?;
+                actor = Some(norm(&self.actor)?);
             }
-            critics.push(judged.gradient);
+            critics.push(judged.norm);
         }
         Ok(Findings { update, critics, actor })
     }
@@ -255,8 +255,8 @@ impl Ddpg {
             Some(loss) => Some((loss, critic.input_gradient(&deltas, n, self.dims.observation)?)),
             None => None,
         };
-        let gradient = Gradient::new(critic.gradients(&pass, &deltas, n)?)?;
-        Ok(Judged { loss, mean_value, gradient, guidance })
+        critic.gradients(&pass, &deltas, n)?;
+        Ok(Judged { loss, mean_value, norm: norm(critic)?, guidance })
     }
 
     fn apply(&mut self, found: &Findings) -> Result<(), Error> {
@@ -267,13 +267,13 @@ impl Ddpg {
             clip: self.config.gradient_clip,
             target_rate: found.actor.is_some().then_some(self.config.target_rate),
         };
-        for (critic, gradient) in self.critics.iter().zip(&found.critics) {
-            apply(critic, gradient, step)?;
+        for (critic, norm) in self.critics.iter().zip(&found.critics) {
+            apply(critic, *norm, step)?;
         }
-        if let Some(gradient) = &found.actor {
+        if let Some(norm) = found.actor {
             self.counters.actor_steps += 1;
             let step = Step { rate: self.config.actor_rate, count: self.counters.actor_steps, ..step };
-            apply(&self.actor, gradient, step)?;
+            apply(&self.actor, norm, step)?;
         }
         Ok(())
     }
@@ -283,7 +283,8 @@ impl Ddpg {
 struct Judged {
     loss: f32,
     mean_value: f32,
-    gradient: Gradient,
+    /// Length of its gradient.
+    norm: f32,
     /// The actor's loss and its gradient in the actor's actions.
     guidance: Option<(f32, Tensor)>,
 }
@@ -291,7 +292,7 @@ struct Judged {
 impl Findings {
     fn is_finite(&self) -> bool {
         let Update { critic_loss, actor_loss, mean_value, .. } = self.update;
-        let norms = self.critics.iter().chain(&self.actor).map(Gradient::norm);
+        let norms = self.critics.iter().chain(&self.actor).copied();
         [critic_loss, actor_loss.unwrap_or(0.0), mean_value].into_iter().chain(norms).all(f32::is_finite)
     }
 }

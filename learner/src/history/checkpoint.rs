@@ -135,7 +135,7 @@ impl<S: Serialize + DeserializeOwned> Checkpoint<S> {
             let path = path.to_owned();
             move |source| Error::Io { what, path, source }
         };
-        files::create_dir(dir).map_err(io("create", dir))?;
+        files::create_dir(dir).and_then(|()| files::sweep(dir)).map_err(io("create", dir))?;
         let path = dir.join(file_name(self.commits));
         files::replace(&path, &bytes).map_err(io("write", &path))?;
         for (_, old) in list(dir)?.into_iter().skip(caps::CHECKPOINTS_KEPT) {
@@ -382,6 +382,15 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_state_keeps_its_bits(best in any::<f64>().prop_filter("JSON has no other", |best| best.is_finite())) {
+            let mut before = checkpoint(2);
+            before.state.best = best;
+            let bytes = before.to_bytes().expect("bytes");
+            let after = Checkpoint::<State>::from_bytes(&bytes, Path::new("f"), "run").expect("whole");
+            prop_assert_eq!(after.state.best.to_bits(), best.to_bits());
+        }
+
         #[test]
         fn a_flipped_bit_is_always_detected(at in any::<prop::sample::Index>(), bit in 0_u8..8) {
             let mut bytes = checkpoint(2).to_bytes().expect("bytes");

@@ -169,7 +169,7 @@ impl Journal {
         if run.len() > RUN_BYTES {
             return Err(Error::RunName(run.len()));
         }
-        files::create_dir(dir).map_err(|source| Error::io("create", dir, source))?;
+        files::create_dir(dir).and_then(|()| files::sweep(dir)).map_err(|source| Error::io("create", dir, source))?;
         let found = scan(dir, run)?;
         if let Some(newest) = found.ends.last().filter(|newest| newest.epoch >= epoch) {
             return Err(Error::Fenced { dir: dir.to_owned(), found: newest.epoch, epoch });

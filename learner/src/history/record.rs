@@ -222,9 +222,10 @@ fn ending_code(ending: Ending) -> u8 {
 
 /// Appends numbers by their bits.
 pub(super) fn encode_floats(numbers: &[f32], bytes: &mut Vec<u8>) {
-    bytes.reserve(numbers.len() * 4);
-    for number in numbers {
-        bytes.extend_from_slice(&number.to_le_bytes());
+    let start = bytes.len();
+    bytes.resize(start + numbers.len() * 4, 0);
+    for (four, number) in bytes[start..].as_chunks_mut().0.iter_mut().zip(numbers) {
+        *four = number.to_le_bytes();
     }
 }
 

@@ -164,11 +164,6 @@ impl Reader {
         Ok(Self { path, input, bytes, offset: header_bytes, next: segment.id.first, frame: Vec::new() })
     }
 
-    /// Where the next frame begins.
-    pub(super) fn offset(&self) -> u64 {
-        self.offset
-    }
-
     /// The sequence number that the next frame must have.
     pub(super) fn next(&self) -> u64 {
         self.next

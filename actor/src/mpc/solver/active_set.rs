@@ -155,13 +155,20 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// What the interior point leaves in weakly curved directions, N.
+    const REFERENCE_ERROR_N: f64 = 1e-2;
+
+    #[track_caller]
     fn check(qp: &Qp) {
         let mut forces = vec![0.0; qp.variables()];
         ActiveSet::default().solve(qp, &mut forces).unwrap();
         check_optimal(qp, &forces);
-        let reference = testing::polished(qp, &mut InteriorPoint);
+        let error = testing::error_bound(qp, &forces);
+        assert!(error < 1e-6, "{error} N from the minimiser");
+        let mut reference = vec![0.0; qp.variables()];
+        InteriorPoint.solve(qp, &mut reference).unwrap();
         for (index, (got, expected)) in forces.iter().zip(&reference).enumerate() {
-            assert!((got - expected).abs() < 1e-6, "force {index} is {got}, expected {expected}");
+            assert!((got - expected).abs() < REFERENCE_ERROR_N, "force {index} is {got}, expected {expected}");
         }
     }
 

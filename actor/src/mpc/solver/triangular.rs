@@ -9,7 +9,6 @@
 //! one order, whatever the width of the machine's vectors, and no products are fused: the bits are the same everywhere.
 
 use super::super::qp::LANES;
-use std::cmp::Ordering;
 
 /// Four neighbouring numbers of a row.
 pub(super) type Lane = [f64; LANES];
@@ -187,25 +186,25 @@ fn factor_panel(panel: &mut [Lane], block: usize, width: usize) -> Result<Lane, 
 fn factor_corner(corner: &mut [Lane; LANES]) -> Result<Lane, (usize, f64)> {
     let mut inverse = [0.0; LANES];
     for p in 0..LANES {
-        for q in 0..p {
-            for l in p..LANES {
-                corner[p][l] -= corner[q][p] * corner[q][l];
+        let (above, rows) = corner.split_at_mut(p);
+        let row = &mut rows[0];
+        for done in above {
+            let scale = done[p];
+            for (value, done) in row[p..].iter_mut().zip(&done[p..]) {
+                *value -= scale * done;
             }
         }
-        let pivot = corner[p][p];
+        let pivot = row[p];
         // The negation also catches NaN; the upper bound an overflow.
         if !(pivot > 0.0 && pivot < f64::MAX) {
             return Err((p, pivot));
         }
         let root = pivot.sqrt();
         inverse[p] = 1.0 / root;
-        corner[p][p] = root;
-        for l in 0..LANES {
-            match l.cmp(&p) {
-                Ordering::Less => corner[p][l] = 0.0,
-                Ordering::Equal => {}
-                Ordering::Greater => corner[p][l] *= inverse[p],
-            }
+        row[..p].fill(0.0);
+        row[p] = root;
+        for value in &mut row[p + 1..] {
+            *value *= inverse[p];
         }
     }
     Ok(inverse)
