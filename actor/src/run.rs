@@ -280,7 +280,8 @@ mod tests {
 
     async fn run_at(learner: &str, robots: u32, shutdown: CancellationToken) -> Result<Ended, Error> {
         let options = Options { learner: learner.parse().expect("an address"), robots, task: None };
-        let running = run_with(options, &Puppet::factory(), shutdown);
+        let factory = Puppet::factory();
+        let running = run_with(options, &factory, shutdown);
         tokio::time::timeout(Duration::from_secs(120), running).await.expect("ends")
     }
 

@@ -165,12 +165,14 @@ fn serve(robot: usize, orders: &std::sync::mpsc::Receiver<Assignment>, factory: 
 }
 
 fn run(robot: usize, assignment: &Assignment, body: &mut dyn Robot) -> What {
+    // Of an evaluation only the outcome is wanted: nothing of it may enter replay.
+    let is_evaluation = matches!(assignment.order.work, Work::Evaluation { .. });
     let mut first = 0;
     let mut emit = |batch: Batch| {
         if assignment.cancel.is_cancelled() || first + batch.len() as u64 > caps::TRANSITIONS_PER_EPISODE as u64 {
             return ControlFlow::Break(());
         }
-        if batch.is_empty() {
+        if batch.is_empty() || is_evaluation {
             return ControlFlow::Continue(());
         }
         let next = first + batch.len() as u64;
@@ -214,9 +216,13 @@ mod tests {
 
     impl Fixture {
         fn assign(&self, episode: u64) -> CancellationToken {
+            self.assign_order(order(episode))
+        }
+
+        fn assign_order(&self, order: Order) -> CancellationToken {
             let cancel = CancellationToken::new();
             let (task, events) = (self.task.clone(), self.events.clone());
-            let assignment = Assignment { order: order(episode), policy: None, task, cancel: cancel.clone(), events };
+            let assignment = Assignment { order, policy: None, task, cancel: cancel.clone(), events };
             assert!(self.pool.assign(0, assignment));
             cancel
         }
@@ -243,6 +249,15 @@ mod tests {
         let (count, end) = fixture.end();
         assert_eq!(count, Puppet::LENGTH);
         assert!(matches!(end, What::Finished(outcome) if outcome.decisions == count), "{end:?}");
+    }
+
+    #[test]
+    fn of_an_evaluation_only_the_outcome_is_told() {
+        let mut fixture = fixture();
+        fixture.assign_order(Order { work: Work::Evaluation { version: 0, index: 1 }, ..order(0) });
+        let (count, end) = fixture.end();
+        assert_eq!(count, 0);
+        assert!(matches!(end, What::Finished(outcome) if outcome.decisions == Puppet::LENGTH), "{end:?}");
     }
 
     #[test]

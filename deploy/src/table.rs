@@ -1,16 +1,19 @@
 //! Text tables and figures as people read them.
 
-/// Rows of cells as aligned columns: the first to the left, the others to the right.
+/// Rows of cells under a head as aligned columns: figures to the right, words to the left.
 pub(crate) fn columns(rows: &[Vec<String>]) -> String {
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
     let widths: Vec<usize> = (0..count).map(|column| width(column).unwrap_or(0)).collect();
+    let figure = |cell: &String| cell.starts_with(|c: char| c.is_ascii_digit() || "+-–".contains(c));
+    let is_figure = |column: usize| column > 0 && rows.iter().skip(1).filter_map(|row| row.get(column)).all(figure);
     let mut text = String::new();
     for row in rows {
         let mut line = String::new();
         for (column, cell) in row.iter().enumerate() {
             let pad = " ".repeat(widths[column] - cell.chars().count());
-            line += &if column == 0 { format!("{cell}{pad}") } else { format!("  {pad}{cell}") };
+            line += if column == 0 { "" } else { "  " };
+            line += &if is_figure(column) { pad + cell } else { cell.clone() + &pad };
         }
         text += line.trim_end();
         text.push('\n');
@@ -71,8 +74,9 @@ mod tests {
 
     #[test]
     fn columns_align() {
-        let rows = [vec!["a".into(), "1".into()], vec!["long".into(), "22.5".into()]];
-        assert_eq!(columns(&rows), "a        1\nlong  22.5\n");
+        let rows = [["case", "m/s", "ending"], ["a", "1", "fell"], ["b c", "22.5", "timed out"]];
+        let rows = rows.map(|row| row.map(str::to_owned).to_vec());
+        assert_eq!(columns(&rows), "case   m/s  ending\na        1  fell\nb c   22.5  timed out\n");
     }
 
     #[test]

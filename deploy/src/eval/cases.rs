@@ -102,7 +102,7 @@ fn policy(args: &Args, config: &Config) -> anyhow::Result<(String, Policy)> {
 }
 
 fn read(file: &Path) -> anyhow::Result<Policy> {
-    let bytes = std::fs::read(file).with_context(|| format!("read policy {}", file.display()))?;
+    let bytes = std::fs::read(file).map_err(|e| Failure::usage(format!("read policy {}: {e}", file.display())))?;
     Policy::from_safetensors(&bytes).with_context(|| format!("read policy {}", file.display()))
 }
 

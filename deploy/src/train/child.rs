@@ -36,6 +36,8 @@ pub(crate) struct Child {
 const STOP_PATIENCE: Duration = Duration::from_secs(20);
 /// Of a child's log, bytes looked at for its last words.
 const LAST_WORDS_BYTES: i64 = 4096;
+/// Lives that may end with the same error before the child is given up.
+const SAME_ERRORS: usize = 3;
 /// Lines of them shown.
 const LAST_WORDS: usize = 5;
 
@@ -63,8 +65,19 @@ impl Child {
             .with_context(|| format!("start {}", self.name))
     }
 
-    /// The end of its log, for people.
+    /// The error that it told last.
+    fn last_error(&self) -> Option<String> {
+        self.log_end().lines().rev().find(|line| line.starts_with("error: ")).map(str::to_owned)
+    }
+
+    /// The last lines of its log, for people.
     fn last_words(&self) -> String {
+        let text = self.log_end();
+        let lines: Vec<&str> = text.lines().collect();
+        lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n")
+    }
+
+    fn log_end(&self) -> String {
         let read = || -> std::io::Result<String> {
             let mut file = File::open(&self.log)?;
             let back = LAST_WORDS_BYTES.min(file.metadata()?.len() as i64);
@@ -73,9 +86,7 @@ impl Child {
             file.read_to_end(&mut bytes)?;
             Ok(String::from_utf8_lossy(&bytes).into_owned())
         };
-        let text = read().unwrap_or_default();
-        let lines: Vec<&str> = text.lines().collect();
-        lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n")
+        read().unwrap_or_default()
     }
 
     fn failure(&self, code: u8, how: &str) -> Failure {
@@ -86,7 +97,7 @@ impl Child {
 
 /// Runs a child until it is done or `stop` is cancelled; starts it again when it dies, within bounds.
 pub(crate) async fn supervise(child: Child, stop: CancellationToken) -> anyhow::Result<End> {
-    let mut deaths = VecDeque::new();
+    let (mut deaths, mut told) = (VecDeque::new(), Vec::new());
     loop {
         let mut process = child.start()?;
         let status = tokio::select! {
@@ -97,6 +108,10 @@ pub(crate) async fn supervise(child: Child, stop: CancellationToken) -> anyhow::
             Some(0) => return Ok(End::Done),
             Some(code) if [exit::USAGE, exit::CONFIG].map(i32::from).contains(&code) => {
                 return Err(child.failure(code as u8, &format!("ended with exit code {code}")).into());
+            }
+            Some(code) if again_and_again(&mut told, child.last_error()) => {
+                let how = format!("ended {} times with the same error", told.len());
+                return Err(child.failure(code as u8, &how).into());
             }
             _ => {}
         }
@@ -122,6 +137,14 @@ async fn end(child: &Child, mut process: process::Child) -> anyhow::Result<End> 
         process.kill().await.with_context(|| format!("kill {}", child.name))?;
     }
     Ok(End::Stopped)
+}
+
+/// Notes what a child said when it gave up; true when it has said the same too many times running, so that another life
+/// would end no better.
+fn again_and_again(told: &mut Vec<String>, error: Option<String>) -> bool {
+    told.retain(|earlier| Some(earlier) == error.as_ref());
+    told.extend(error);
+    told.len() >= SAME_ERRORS
 }
 
 /// Notes a death; true when there were more than allowed within the window.
@@ -166,6 +189,18 @@ mod tests {
         let error = supervised("echo error: the task differs >&2; exit 78").await.expect_err("ends");
         assert!(error.to_string().contains("error: the task differs"), "{error}");
         assert!(error.to_string().contains("exit code 78"), "{error}");
+    }
+
+    #[tokio::test]
+    async fn a_child_that_fails_alike_every_time_is_given_up() {
+        let error = supervised("echo error: no room on the disk >&2; exit 70").await.expect_err("ends");
+        assert!(error.to_string().contains("ended 3 times with the same error"), "{error}");
+        assert!(error.to_string().contains("no room on the disk"), "{error}");
+        let mut told = Vec::new();
+        for words in ["a", "b", "a", "a"] {
+            assert!(!again_and_again(&mut told, Some(words.to_owned())), "{words}");
+        }
+        assert!(!again_and_again(&mut told, None), "a death without words is another matter");
     }
 
     #[tokio::test]
