@@ -282,7 +282,7 @@ mod tests {
         let options = Options { learner: learner.parse().expect("an address"), robots, task: None };
         let factory = Puppet::factory();
         let running = run_with(options, &factory, shutdown);
-        tokio::time::timeout(Duration::from_secs(120), running).await.expect("ends")
+        tokio::time::timeout(Duration::from_mins(2), running).await.expect("ends")
     }
 
     async fn run(script: Script, robots: u32) -> (Result<Ended, Error>, Learner) {

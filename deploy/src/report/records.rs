@@ -48,7 +48,7 @@ impl Records {
         let returns = lines(&metrics)?.into_iter().map(|line: EpisodeLine| (line.episode as f64, line.value)).collect();
         let evaluations = run_dir.join("evaluations.jsonl");
         let evaluations = if evaluations.exists() { lines(&evaluations)? } else { Vec::new() };
-        Ok(Self { returns, evaluations: evaluations.into_iter().filter_map(mean).collect() })
+        Ok(Self { returns, evaluations: evaluations.iter().filter_map(mean).collect() })
     }
 
     /// Mean return of the last `n` episodes.
@@ -57,7 +57,7 @@ impl Records {
     }
 }
 
-fn mean(line: EvaluationLine) -> Option<Evaluation> {
+fn mean(line: &EvaluationLine) -> Option<Evaluation> {
     let n = line.returns.len();
     (n > 0).then(|| Evaluation { version: line.version, mean_return: line.returns.iter().sum::<f64>() / n as f64 })
 }

@@ -50,7 +50,11 @@ impl Child {
 
     fn start(&self) -> anyhow::Result<process::Child> {
         let log = || {
-            OpenOptions::new().create(true).append(true).open(&self.log).with_context(|| format!("open {:?}", self.log))
+            OpenOptions::new()
+                .create(true)
+                .append(true)
+                .open(&self.log)
+                .with_context(|| format!("open {}", self.log.display()))
         };
         process::Command::new(&self.program)
             .args(&self.words)
@@ -80,7 +84,7 @@ impl Child {
     fn log_end(&self) -> String {
         let read = || -> std::io::Result<String> {
             let mut file = File::open(&self.log)?;
-            let back = LAST_WORDS_BYTES.min(file.metadata()?.len() as i64);
+            let back = LAST_WORDS_BYTES.min(file.metadata()?.len().cast_signed());
             file.seek(SeekFrom::End(-back))?;
             let mut bytes = Vec::new();
             file.read_to_end(&mut bytes)?;
@@ -128,7 +132,7 @@ pub(crate) async fn supervise(child: Child, stop: CancellationToken) -> anyhow::
 }
 
 async fn end(child: &Child, mut process: process::Child) -> anyhow::Result<End> {
-    if let Some(pid) = process.id().and_then(|pid| rustix::process::Pid::from_raw(pid as i32)) {
+    if let Some(pid) = process.id().and_then(|pid| rustix::process::Pid::from_raw(pid.cast_signed())) {
         // It may have ended by itself just now.
         let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
     }

@@ -47,19 +47,16 @@ impl Progress {
             }
             return;
         };
-        match stream.next().await {
-            Ok(Some(status)) => {
-                let is_over = |status: &Status| status.phase != "training";
-                if !(is_over(&status) && self.last.as_ref().is_some_and(is_over)) {
-                    self.show(&status);
-                }
-                self.last = Some(status);
-            }
-            Ok(None) | Err(_) => {
-                self.stream = None;
-                tokio::time::sleep(caps::RECONNECT_PAUSE.0).await;
-            }
+        let Ok(Some(status)) = stream.next().await else {
+            self.stream = None;
+            tokio::time::sleep(caps::RECONNECT_PAUSE.0).await;
+            return;
+        };
+        let is_over = |status: &Status| status.phase != "training";
+        if !(is_over(&status) && self.last.as_ref().is_some_and(is_over)) {
+            self.show(&status);
         }
+        self.last = Some(status);
     }
 
     /// Takes the bar away and gives the last snapshot.

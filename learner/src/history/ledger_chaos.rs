@@ -4,7 +4,7 @@
 //! knows from the outside what must hold whatever happens; then the faults stop and the run must complete.
 
 use super::commits::Commits;
-use super::lease::{Claim, Work};
+use super::lease::Claim;
 use super::ledger::{Ledger, Rules};
 use super::record::Committed;
 use super::refusal::Reason;
@@ -12,6 +12,7 @@ use herd_common::config::run::{Exploration, Order};
 use herd_common::episode::{Counts, Ending, Outcome, Reward};
 use herd_common::spaces::OBSERVATION_DIM;
 use herd_common::transition::{Batch, Transition};
+use herd_common::work::Work;
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
