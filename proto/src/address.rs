@@ -44,10 +44,12 @@ impl FromStr for Address {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self, Error> {
-        if let Some(path) = text.strip_prefix("file:").filter(|path| !path.is_empty()) {
-            return Ok(Self::File(path.into()));
-        }
-        check(text).map_err(|reason| Error::Address { address: text.into(), reason })?;
+        let checked = match text.strip_prefix("file:") {
+            Some("") => Err("it names no file".to_owned()),
+            Some(path) => return Ok(Self::File(path.into())),
+            None => check(text),
+        };
+        checked.map_err(|reason| Error::Address { address: text.into(), reason })?;
         Ok(Self::Direct(text.into()))
     }
 }
@@ -95,7 +97,7 @@ mod tests {
             ("node-1:0", "port \"0\""),
             ("node-1:70000", "port \"70000\""),
             (":7447", "no host"),
-            ("file:", "no host"),
+            ("file:", "no file"),
             ("ftp://node-1:7447", "no host"),
         ] {
             let error = text.parse::<Address>().expect_err(text).to_string();

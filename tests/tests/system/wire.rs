@@ -14,8 +14,9 @@ fn bytes(numbers: &[f32]) -> Vec<u8> {
 }
 
 /// A run whose learner waits for actors.
+/// Without evaluations, so that the first lease is an episode.
 fn waiting() -> (Run, Process, String) {
-    let run = Run::new(EPISODES);
+    let run = Run::new(EPISODES).with("evaluation.every_episodes=0");
     let learner = run.learner();
     let address = run.address();
     (run, learner, address)
