@@ -55,7 +55,8 @@ fn rates(s: &Status) -> String {
 
 /// Simulated seconds per second over all actors.
 pub(crate) fn realtime_factor(s: &Status) -> f64 {
-    s.actors.iter().map(|actor| actor.realtime_factor).sum()
+    // An empty sum of floats is −0.
+    s.actors.iter().map(|actor| actor.realtime_factor).sum::<f64>() + 0.0
 }
 
 fn replay(s: &Status) -> String {
@@ -145,6 +146,7 @@ mod tests {
 
     #[test]
     fn an_empty_snapshot_has_a_text() {
-        assert!(render(&Status::default()).ends_with("no actors\n"));
+        let text = render(&Status::default());
+        assert!(text.ends_with("no actors\n") && text.contains(" 0.0× real time"), "{text}");
     }
 }

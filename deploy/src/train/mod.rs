@@ -48,7 +48,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let sets = with_episodes(&args.config, args.episodes);
     let config = wing::run::effective_config(Some(&args.run_dir), args.config.config.as_deref(), &sets);
     let config = config.map_err(wing::told)?;
-    if let Some(done) = episodes_done(&args.run_dir)?.filter(|done| *done >= config.episodes) {
+    let done = episodes_done(&args.run_dir)?.filter(|done| *done >= config.episodes);
+    // Of another run than the one that lies here nothing is complete: the learner refuses it by name.
+    if let Some(done) = done.filter(|_| is_run_of(&args.run_dir, &config)) {
         return out::print(&summary::already_complete(&args.run_dir, done, config.episodes));
     }
     std::fs::create_dir_all(args.run_dir.join("logs")).context("make the directory of logs")?;
@@ -87,6 +89,10 @@ async fn train(args: &Args, config: &Config, sets: &[String]) -> anyhow::Result<
     ended?;
     let done = episodes_done(&args.run_dir)?.unwrap_or(0);
     summary::tell(&args.run_dir, &summary::Run { status: last, done, target: config.episodes }, args.json)
+}
+
+fn is_run_of(run_dir: &Path, config: &Config) -> bool {
+    ConfigArgs::default().load(Some(run_dir)).is_ok_and(|stored| stored.run_name() == config.run_name())
 }
 
 fn episodes_done(run_dir: &Path) -> anyhow::Result<Option<u64>> {
