@@ -59,6 +59,7 @@ mod tests {
         assert_eq!(numbers(&y), [3.0, -3.0]);
         let q = column([2.5, 1.0]);
         assert_eq!(scalar(&critic(&q, &y).unwrap()), 8.125);
+        assert_eq!(scalar(&critic(&q, &y).unwrap()), scalar(&candle_nn::loss::mse(&q, &y).unwrap()));
         assert_eq!(numbers(&critic_gradient(&q, &y).unwrap()), [-0.5, 4.0]);
         assert_eq!(scalar(&actor(&q).unwrap()), -1.75);
         assert_eq!(numbers(&actor_gradient(&q).unwrap()), [-0.5, -0.5]);
