@@ -8,11 +8,11 @@
 //! | T_l    | world angular velocity to angle rates in step l                   | –     |
 //! | F_kj   | ∂Θ_k/∂(angular acceleration in step j)/dt = dt (½T_j + Σ_{j<l<k} T_l) | s  |
 //!
-//! The cost is Σ_{k=1..N} ‖x_k − ref_k‖²_Q + R Σ ‖u − u_ref‖², halved; u_ref shares the weight among the feet in stance.
-//! Forces of feet in swing are left out, not bounded to zero, so the size follows the gait. The predicted state is
+//! The cost is Σ_{k=1..N} ‖x_k − ref_k‖²_Q + R Σ ‖u − u_ref‖², halved; u_ref shares the weight among the feet in
+//! stance. Forces of feet in swing are left out, not bounded to zero, so the size follows the gait. The predicted state is
 //! never formed as a dense power of matrices: position and velocity respond alike on each axis, and F_kj is a planar
-//! scaled rotation beside a scalar, so every 3×3 block of H is M_aᵀ K_ij M_b plus a diagonal with K_ij from two running sums,
-//! Σ_{k>j} Q F_kj and Σ_{k>j} F_kjᵀ Q F_kj (F_ki = F_kj + const for i < j). Later steps come first in u: rows of early
+//! scaled rotation beside a scalar, so every 3×3 block of H is M_aᵀ K_ij M_b plus a diagonal, with K_ij from two
+//! sums, Σ_{k>j} Q F_kj and Σ_{k>j} F_kjᵀ Q F_kj (F_ki = F_kj + const for i < j). Later steps come first in u: rows of early
 //! feet, which bind most often, then have short solutions of the triangular systems.
 
 use super::Body;

@@ -67,8 +67,8 @@ impl Mpc {
 
     /// The forces of the first step of `horizon`, whose yaw may differ from that of `state` by full turns.
     ///
-    /// The horizon may have any length; an empty one fails, and one whose first step has no foot in stance is solved with
-    /// no force. Numbers that are not finite fail.
+    /// The horizon may have any length; an empty one fails, and one whose first step has no foot in stance is solved
+    /// with no force. Numbers that are not finite fail.
     pub fn solve(&mut self, state: &State, horizon: &[Step]) -> Solution {
         let Some(first) = horizon.first() else {
             return Solution { forces: [Vector3::zeros(); 4], status: Status::Failed, iterations: 0 };

@@ -35,7 +35,8 @@ impl Row {
 pub struct Qp {
     feet: usize,
     stride: usize,
-    /// Rows of H, `stride` apart. Entries right of the diagonal block of a foot and in it are valid, those left are not.
+    /// Rows of H, `stride` apart. Entries in the diagonal block of a foot and right of it are valid, those left of
+    /// it are not.
     pub(super) hessian: Vec<f64>,
     /// g, padded with zeros to `stride`.
     pub(super) gradient: Vec<f64>,

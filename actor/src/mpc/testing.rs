@@ -115,8 +115,8 @@ pub(super) fn check_optimal(qp: &Qp, forces: &[f64]) {
     }
 }
 
-/// How far, N, `forces` can be from the minimiser: the part of the downhill slope that no row met resists, over the least
-/// curvature. Rows within 1e-8 N of their bounds count as met.
+/// How far, N, `forces` can be from the minimiser: the part of the downhill slope that no row met resists, over the
+/// least curvature. Rows within 1e-8 N of their bounds count as met.
 pub(super) fn error_bound(qp: &Qp, forces: &[f64]) -> f64 {
     let slope = slope(qp, forces);
     let mut squares = 0.0;

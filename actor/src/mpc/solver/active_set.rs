@@ -8,8 +8,8 @@
 //! | λ      | multipliers                                           | –    |
 //!
 //! It starts at the minimiser without rows and takes in one violated row at a time: u moves along −H⁻¹(a − rows held)
-//! until the row is met or a multiplier becomes zero, whose row is then let go. Every whole step raises the dual cost, so
-//! no set of rows comes back. Source: Goldfarb & Idnani 1983, with the working set kept as V and the Cholesky
+//! until the row is met or a multiplier becomes zero, whose row is then let go. Every whole step raises the dual
+//! cost, so no set of rows comes back. Source: Goldfarb & Idnani 1983, with the working set kept as V and the Cholesky
 //! factor of VᵀV instead of an orthonormal basis of the whole space: a programme of 60 forces with 10 rows binding
 //! then costs a factorisation, and two triangular solves per row.
 

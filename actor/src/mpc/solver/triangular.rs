@@ -51,8 +51,8 @@ impl Cholesky {
         self.width
     }
 
-    /// Factors the matrix of order `n` whose rows, `stride` apart and padded to whole lanes, are valid from the diagonal
-    /// on. On failure gives the pivot that is not positive.
+    /// Factors the matrix of order `n` whose rows, `stride` apart and padded to whole lanes, are valid from the
+    /// diagonal on. On failure gives the pivot that is not positive.
     pub(super) fn factor(&mut self, matrix: &[f64], n: usize, stride: usize) -> Result<(), (usize, f64)> {
         self.load(matrix, n, stride);
         for block in 0..self.width {

@@ -140,7 +140,7 @@ impl WorkingSet {
         self.is_held[held.row] = false;
         self.free.push(held.slot);
         self.inverse_diagonal.pop();
-        // Without row `index`, row k (once k + 1) has one entry right of the diagonal: rotate it away, column by column.
+        // Without row `index`, row k (once k + 1) has one entry right of the diagonal: rotate it away by columns.
         let q = self.held.len();
         self.factor.drain(index * (index + 1) / 2..(index + 1) * (index + 2) / 2);
         let start = |k: usize| (k + 1) * (k + 2) / 2 - (index + 1);
