@@ -13,7 +13,7 @@
 /// Numbers that H's rows are padded to a multiple of, for loops without a remainder.
 pub(super) const LANES: usize = 4;
 
-/// One inequality: Σ coefficient · u[variable] ≤ bound.
+/// One inequality: Σ coefficient · u ≤ bound over the variables that `terms` names.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
     /// Indices into u and their coefficients; a second coefficient of zero means one variable only.
