@@ -44,6 +44,7 @@ impl Failure {
     }
 
     /// A child process ended with this code.
+    #[cfg(all(feature = "actor", feature = "learner"))]
     pub(crate) fn child(code: u8, message: impl Into<String>) -> Self {
         Self { code, message: message.into() }
     }

@@ -8,7 +8,9 @@ use herd_common::status::Status;
 use herd_proto::client;
 use std::io::IsTerminal;
 
-pub(crate) use view::{endings, realtime_factor, render};
+pub(crate) use view::render;
+#[cfg(all(feature = "actor", feature = "learner"))]
+pub(crate) use view::{endings, realtime_factor};
 
 /// Show how a run goes.
 #[derive(clap::Args)]
