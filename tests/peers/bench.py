@@ -48,7 +48,7 @@ def quantile(values, q):
 
 
 def row(work, who, unit, values, note="", tail=True):
-    """A row from many measurements; `tail` says that each is of a single run of the work, so that a p99 means something."""
+    """A row from many measurements; `tail` says that each is of one run of the work, so that a p99 means something."""
     return Row(work, who, unit, quantile(values, 0.5), quantile(values, 0.99) if tail else None, note)
 
 
@@ -141,11 +141,14 @@ class Bench:
         )
         self.home = ROOT / "target" / "peers" / f"{package}-{bench}"
 
-    def run(self, only, seconds):
-        """Nanoseconds an iteration, for every sample of every bench whose name contains `only`."""
+    def run(self, only, seconds, samples=30):
+        """Microseconds an iteration, for every sample of every bench whose name contains `only`.
+
+        With as many samples as iterations fit into `seconds`, each is of one iteration, as a peer's are.
+        """
         subprocess.run(
             [self.program, "--bench", only, "--warm-up-time", "0.5", "--measurement-time", str(seconds),
-             "--sample-size", "30"],
+             "--sample-size", str(max(int(samples), 10)), "--nresamples", "1001"],
             check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             env={**os.environ, **ONE_THREAD, "CRITERION_HOME": str(self.home)},
         )  # fmt: skip
@@ -154,7 +157,7 @@ class Bench:
             name = json.loads(path.read_text(encoding="utf-8"))["full_id"]
             if only in name:
                 sample = json.loads(path.with_name("sample.json").read_text(encoding="utf-8"))
-                found[name] = [t / n for t, n in zip(sample["times"], sample["iters"], strict=True)]
+                found[name] = [t / n / 1e3 for t, n in zip(sample["times"], sample["iters"], strict=True)]
         return found
 
 

@@ -1,4 +1,4 @@
-"""Solves herd's quadratic programmes with other solvers: µs of the solver alone, error of the first force, ratio to herd.
+"""Solves herd's quadratic programmes with other solvers: µs of the solver alone, error of the first force, the ratio.
 
 Every programme is solved several times in a row and counts with its median, by herd and by its peers alike; medians and
 p99 are over programmes. Each round runs herd's dump and then every peer, so that drift of the machine hits all.

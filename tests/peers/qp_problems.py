@@ -38,7 +38,8 @@ class Problem:
 def dump(directory, count, program=None):
     """Has herd write `count` of its programmes, with its own times, to `directory`."""
     if program is None:
-        example = ["cargo", "run", "--quiet", "--locked", "--release", "-p", "herd-actor", "--example", "dump_qps", "--"]
+        build = ["cargo", "run", "--quiet", "--locked", "--release"]
+        example = [*build, "-p", "herd-actor", "--example", "dump_qps", "--"]
     else:
         example = [str(program)]
     subprocess.run([*example, str(directory), str(count)], cwd=ROOT, check=True, env=dict(os.environ))
@@ -127,7 +128,8 @@ def exact(problem, quadprog):
         solution += np.linalg.solve(kkt, (right - wide @ solution).astype(float))
     z, multipliers = solution[:n].astype(float), solution[n:].astype(float)
     assert np.min(rows @ z - bounds) > -1e-7, "the reference violates a row"
-    assert k == 0 or np.min(multipliers) > -1e-7 * max(1.0, np.max(np.abs(problem.g))), "a multiplier has the wrong sign"
+    slack = 1e-7 * max(1.0, np.max(np.abs(problem.g)))
+    assert k == 0 or np.min(multipliers) > -slack, "a multiplier of the reference has the wrong sign"
     return z
 
 

@@ -1,7 +1,7 @@
-// Calls qpOASES and HPIPM on one dense QP and times them where no Python is: minimise ½ zᵀHz + gᵀz, lower ≤ Az ≤ upper.
+// Calls qpOASES and HPIPM on one dense QP and times them without Python: minimise ½ zᵀHz + gᵀz, lower ≤ Az ≤ upper.
 //
-// Workspaces are kept between calls of one shape, as herd keeps its own. The clock covers handing over the matrices, the
-// cold solve and fetching z. A solver that fails returns a negative number of seconds.
+// Workspaces are kept between calls of one shape, as herd keeps its own. The clock covers handing over the matrices,
+// the cold solve and fetching z. A solver that fails returns a negative number of seconds.
 #include <chrono>
 #include <cstdlib>
 #include <map>
@@ -73,6 +73,8 @@ struct Hpipm {
         d_dense_qp_sol_create(&dim, &solution, room(d_dense_qp_sol_memsize(&dim)));
         d_dense_qp_ipm_arg_create(&dim, &arg, room(d_dense_qp_ipm_arg_memsize(&dim)));
         d_dense_qp_ipm_arg_set_default(mode, &arg);
+        int iterations = 100;
+        d_dense_qp_ipm_arg_set_iter_max(&iterations, &arg);
         d_dense_qp_ipm_arg_set_tol_stat(&tolerance, &arg);
         d_dense_qp_ipm_arg_set_tol_eq(&tolerance, &arg);
         d_dense_qp_ipm_arg_set_tol_ineq(&tolerance, &arg);
