@@ -1,7 +1,7 @@
 """The work of one DDPG update that all do alike: sizes, rates and a replay memory of 20,000 transitions.
 
 Plain DDPG (Lillicrap et al. 2016): y = r + γ Q′(s′, π′(s′)); the critic's mean squared error; the actor's
-−mean Q(s, π(s)); Adam for both; both target copies move by Polyak averaging. Drawing the minibatch is part of an update.
+−mean Q(s, π(s)); Adam for both; both target copies move by Polyak averaging. Drawing the minibatch belongs to it.
 """
 
 import numpy as np
