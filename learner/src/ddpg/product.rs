@@ -105,25 +105,34 @@ impl<'a> Matrix<'a> {
     /// The rows of one block: read along the columns, which lie adjacent here, so that each line of cache is fetched once.
     #[inline(always)]
     fn turn_block<const W: usize>(&self, row: usize, column: usize, width: usize, strip: &mut [[f32; W]]) {
+        let column_at = |c: usize| &self.numbers[row * self.row_stride + (column + c) * self.column_stride..];
+        if let (Some(strip), true) =
+            (strip.first_chunk_mut::<BLOCK>(), width == W && W >= GROUP && self.row_stride == 1)
+        {
+            for c in (0..W).step_by(GROUP) {
+                let columns: [&[f32; BLOCK]; GROUP] =
+                    std::array::from_fn(|i| column_at(c + i).first_chunk().expect("a block of rows"));
+                for k in 0..BLOCK {
+                    for i in 0..GROUP {
+                        strip[k][c + i] = columns[i][k];
+                    }
+                }
+            }
+            return;
+        }
         if width < W {
             strip.as_flattened_mut().fill(0.0);
         }
         for c in 0..width {
-            let numbers = &self.numbers[row * self.row_stride + (column + c) * self.column_stride..];
-            if self.row_stride == 1 && strip.len() == BLOCK {
-                let numbers: &[f32; BLOCK] = numbers.first_chunk().expect("a block of rows");
-                for (to, from) in strip.iter_mut().zip(numbers) {
-                    to[c] = *from;
-                }
-            } else {
-                for (to, from) in strip.iter_mut().zip(numbers.iter().step_by(self.row_stride)) {
-                    to[c] = *from;
-                }
+            for (to, from) in strip.iter_mut().zip(column_at(c).iter().step_by(self.row_stride)) {
+                to[c] = *from;
             }
         }
     }
 }
 
+/// Columns that are turned over together.
+const GROUP: usize = 4;
 /// Numbers in a line of cache, by which a matrix is turned over.
 const BLOCK: usize = 16;
 /// Terms of the sums that are added before the next column strip: a strip of B then stays in the nearest cache.
@@ -172,29 +181,26 @@ impl Multiply<'_> {
                 b.copy_strip(rows.clone(), j, strip);
                 for first in (0..a.rows).step_by(R) {
                     let panel = &panels[first / R * depth..][rows.clone()];
-                    let starts = (first..a.rows.min(first + R)).map(|row| row * n + j);
-                    let mut sums = [[0.0_f32; W]; R];
+                    let at = first * n + j;
+                    if width == W && first + R <= a.rows {
+                        tile::<S, R, V, W>(simd, panel, strip, &mut c[at..], n, k > 0);
+                        continue;
+                    }
+                    // At the edges of C a tile is worked out aside.
+                    let mut aside = [[0.0_f32; W]; R];
+                    let starts = (at..c.len()).step_by(n).take(R);
                     if k > 0 {
                         for (r, start) in starts.clone().enumerate() {
-                            copy::<W>(&mut sums[r], &c[start..], width);
+                            aside[r][..width].copy_from_slice(&c[start..][..width]);
                         }
                     }
-                    tile::<S, R, V, W>(simd, panel, strip, &mut sums);
+                    tile::<S, R, V, W>(simd, panel, strip, aside.as_flattened_mut(), W, k > 0);
                     for (r, start) in starts.enumerate() {
-                        copy::<W>(&mut c[start..], &sums[r], width);
+                        c[start..][..width].copy_from_slice(&aside[r][..width]);
                     }
                 }
             }
         }
-    }
-}
-
-/// Copies `width` numbers, at most W; W of them, the common case, without a call.
-#[inline(always)]
-fn copy<const W: usize>(to: &mut [f32], from: &[f32], width: usize) {
-    match (to.first_chunk_mut::<W>(), from.first_chunk::<W>()) {
-        (Some(to), Some(from)) if width == W => *to = *from,
-        _ => to[..width].copy_from_slice(&from[..width]),
     }
 }
 
@@ -231,32 +237,36 @@ fn pack<const R: usize>(panel: &mut [[f32; R]], a: &Matrix<'_>, first: usize) {
     }
 }
 
-/// Adds a strip's part to R rows of W numbers, held in V registers each.
+/// A strip's part of R rows of W numbers of C, `stride` apart, held in V registers each: what stands there is added to,
+/// or else replaced.
 #[inline(always)]
 fn tile<S: Simd, const R: usize, const V: usize, const W: usize>(
     simd: S,
     panel: &[[f32; R]],
     strip: &[[f32; W]],
-    sums: &mut [[f32; W]; R],
+    c: &mut [f32],
+    stride: usize,
+    adds: bool,
 ) {
     // Plain indices over constant bounds: what is written so is unrolled, and only then do the sums stay in registers.
-    let mut held = [[simd.splat_f32s(0.0); V]; R];
-    for r in 0..R {
-        held[r] = registers::<S, V, W>(&sums[r]);
+    let mut sums = [[simd.splat_f32s(0.0); V]; R];
+    if adds {
+        for r in 0..R {
+            sums[r] = registers::<S, V, W>(c[r * stride..].first_chunk().expect("a row of the tile"));
+        }
     }
     for k in 0..panel.len().min(strip.len()) {
         let (column, row) = (&panel[k], registers::<S, V, W>(&strip[k]));
         for r in 0..R {
             let x = simd.splat_f32s(column[r]);
             for v in 0..V {
-                held[r][v] = simd.mul_add_f32s(x, row[v], held[r][v]);
+                sums[r][v] = simd.mul_add_f32s(x, row[v], sums[r][v]);
             }
         }
     }
     for r in 0..R {
-        let (to, _) = S::as_mut_simd_f32s(&mut sums[r]);
-        // Of a copy: sums whose address is taken would be kept in memory all along.
-        to[..V].copy_from_slice(&{ held[r] });
+        let (to, _) = S::as_mut_simd_f32s(&mut c[r * stride..][..W]);
+        *to.first_chunk_mut().expect("W numbers are V registers") = sums[r];
     }
 }
 
