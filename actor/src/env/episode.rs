@@ -216,7 +216,7 @@ impl Env {
         if self.ending == Some(Ending::Diverged) {
             return;
         }
-        self.summary.tick(&self.state, &self.torques, self.config.sim.tick_secs);
+        self.summary.tick(&self.state, &self.contacts, &self.torques, self.config.sim.tick_secs);
         if self.payer.is_due(self.ticks) {
             self.summary.sample(&self.state, self.payer.sample(&self.state, &self.torques));
         }
