@@ -33,6 +33,7 @@ const STRIDE: usize = 3;
 /// Measurements per programme, of which the median is told.
 const REPEATS: usize = 21;
 
+#[expect(clippy::print_stdout, reason = "a summary for people")]
 fn main() -> anyhow::Result<()> {
     let mut arguments = std::env::args().skip(1);
     let directory = PathBuf::from(arguments.next().context("usage: dump_qps DIRECTORY [COUNT] [POLICY.safetensors]")?);
@@ -48,14 +49,17 @@ fn main() -> anyhow::Result<()> {
     let mut condenser = Condenser::new(&config.control.mpc, &body);
     std::fs::create_dir_all(&directory).with_context(|| format!("create {}", directory.display()))?;
     let mut numbers = Numbers { file: std::io::BufWriter::new(create(&directory, "qps.f64")?), written: 0 };
-    let mut objects = Vec::new();
+    let (mut objects, mut totals) = (Vec::new(), Vec::new());
     let mut solver = ActiveSet::default();
     for question in trial::questions(&config, &policy, count, STRIDE) {
         let dumped = measure(&mut condenser, &mut solver, &question)?;
+        totals.push(dumped.build_micros + dumped.solve_micros);
         objects.push(dump(&dumped, &question, &condenser, &mut numbers)?);
     }
     numbers.file.flush()?;
     write!(create(&directory, "qps.json")?, "[\n{}\n]\n", objects.join(",\n"))?;
+    let (median, most) = (quantile(&mut totals, 0.5), quantile(&mut totals, 0.99));
+    println!("{} programmes, build + solve: median {median:.1} µs, p99 {most:.1} µs", objects.len());
     Ok(())
 }
 
@@ -86,7 +90,7 @@ fn measure(condenser: &mut Condenser, solver: &mut ActiveSet, question: &Questio
         solved.iterations = iterations?;
         solve.push(time);
     }
-    (solved.build_micros, solved.solve_micros) = (median(build), median(solve));
+    (solved.build_micros, solved.solve_micros) = (quantile(&mut build, 0.5), quantile(&mut solve, 0.5));
     Ok(solved)
 }
 
@@ -98,9 +102,11 @@ fn micros<T>(work: impl FnOnce() -> T) -> (f64, T) {
     (begin.elapsed().as_nanos() as f64 / 1e3, result)
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+/// The value that this share of all stays below; 0 of none.
+fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+    let index = (share * values.len() as f64) as usize;
+    values.get(index.min(values.len().saturating_sub(1))).copied().unwrap_or_default()
 }
 
 /// The file of numbers and how many it holds.
