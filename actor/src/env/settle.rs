@@ -11,9 +11,10 @@ use herd_common::seed::Seed;
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{Rng, RngExt};
 
-/// Joint stiffness, N·m/rad, and damping, N·m·s/rad, while settling; measured: at rest within 0.3 s.
-const STIFFNESS: f64 = 150.0;
-const DAMPING: f64 = 3.0;
+/// Joint stiffness, N·m/rad, and damping, N·m·s/rad, while settling. Measured over 30 seeds: after 0.2 s no trunk moves
+/// faster than 0.02 m/s and 0.06 rad/s, as after 0.4 s with 150 and 3; damping of 6 makes a foot in the air ring.
+const STIFFNESS: f64 = 100.0;
+const DAMPING: f64 = 4.0;
 /// Clearance below the lowest foot at the start, m.
 const CLEARANCE: f64 = 0.001;
 
