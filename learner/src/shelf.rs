@@ -21,9 +21,9 @@ pub struct Shelf {
 }
 
 impl Shelf {
-    /// Adds a policy.
-    pub fn put(&mut self, policy: Policy) {
-        let wire = convert::policy_to_wire(&policy);
+    /// Adds a policy that is published at this moment, ns since 1970.
+    pub fn put(&mut self, policy: Policy, unix_nanos: u64) {
+        let wire = convert::policy_to_wire(&policy, Some(unix_nanos));
         self.policies.insert(policy.provenance.version, Arc::new(Published { policy, wire }));
     }
 

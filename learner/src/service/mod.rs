@@ -5,6 +5,7 @@
 
 mod incoming;
 mod policies;
+mod traffic;
 mod training;
 mod work;
 
@@ -21,6 +22,7 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::Server;
+pub use traffic::Traffic;
 
 /// What every service needs to know.
 #[derive(Clone, Debug)]
@@ -35,6 +37,8 @@ pub struct Context {
     pub epoch: u64,
     /// Ends every stream.
     pub shutdown: CancellationToken,
+    /// Bytes over all connections.
+    pub traffic: Arc<Traffic>,
 }
 
 /// Serves until `shutdown`; health answers SERVING from the moment `ready` is cancelled.
@@ -52,7 +56,7 @@ pub async fn serve(listener: TcpListener, context: Context, ready: CancellationT
             .register_encoded_file_descriptor_set(FILE_DESCRIPTOR_SET)
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
     };
-    let shutdown = context.shutdown.clone();
+    let (shutdown, traffic) = (context.shutdown.clone(), context.traffic.clone());
     let server = Server::builder()
         .max_concurrent_streams(Some(caps::STREAMS_PER_CONNECTION))
         .http2_keepalive_interval(Some(caps::KEEPALIVE_INTERVAL))
@@ -65,7 +69,7 @@ pub async fn serve(listener: TcpListener, context: Context, ready: CancellationT
         .add_service(sized!(WorkServer::new(work::Service(context.clone()))))
         .add_service(sized!(PoliciesServer::new(policies::Service(context.clone()))))
         .add_service(sized!(TrainingServer::new(training::Service(context))))
-        .serve_with_incoming_shutdown(incoming::guarded(listener), shutdown.clone().cancelled_owned());
+        .serve_with_incoming_shutdown(incoming::guarded(listener, traffic), shutdown.clone().cancelled_owned());
     tokio::select! {
         served = server => Ok(served?),
         // A peer that holds its connection open must not hold the process open.

@@ -23,6 +23,7 @@ use herd_common::config::Config;
 use herd_common::policy::{Policy, Provenance};
 use herd_common::seed::Seed;
 use herd_common::spaces::OBSERVATION_DIM;
+use herd_common::status::Time;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;
@@ -77,7 +78,7 @@ impl Trainer {
             checkpointed: Checkpointed { episodes, at: None },
             seats: Seats::default(),
             meter: Meter::default(),
-            busy_secs: 0.0,
+            time: Time::default(),
             phase: "restoring",
             started: Instant::now(),
         };
@@ -132,7 +133,7 @@ impl Trainer {
         let mut shelf = Shelf::default();
         for (version, layers) in checkpoint.map(|found| found.policies).unwrap_or_default() {
             let provenance = Provenance { version, run: run.clone(), task_hash: task_hash.clone() };
-            shelf.put(Policy::new(provenance, layers).map_err(crate::export::Error::from)?);
+            shelf.put(Policy::new(provenance, layers).map_err(crate::export::Error::from)?, super::unix_nanos());
         }
         self.shelf.send_replace(Arc::new(shelf));
         self.publish()

@@ -105,7 +105,7 @@ impl Trainer {
         let version = self.version();
         let policy = self.policy(version)?;
         let mut shelf = Shelf::clone(&self.shelf.borrow());
-        shelf.put(policy);
+        shelf.put(policy, super::unix_nanos());
         self.ledger.published(version);
         shelf.keep(|version| self.ledger.wants(version));
         self.shelf.send_replace(Arc::new(shelf));
@@ -121,7 +121,7 @@ impl Trainer {
     fn update(&mut self) -> Result<(), Error> {
         let begun = Instant::now();
         let update = self.ddpg.update(&self.replay)?;
-        self.busy_secs += begun.elapsed().as_secs_f64();
+        self.time.updates_secs += begun.elapsed().as_secs_f64();
         self.note_losses(&update);
         Ok(())
     }

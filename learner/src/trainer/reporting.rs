@@ -3,7 +3,7 @@
 use super::Trainer;
 use super::tally::Sample;
 use herd_common::config::run::{Durability, Order};
-use herd_common::status::{History, Losses, Rates, Replay, Status};
+use herd_common::status::{History, Losses, Rates, Replay, Status, Traffic};
 
 /// Share of time in updates above which learning is the bottleneck.
 const BUSY_SHARE: f64 = 0.85;
@@ -52,6 +52,8 @@ impl Trainer {
             endings: self.tally.endings(),
             actors: self.seats.rows(now, |actor| self.ledger.leases_of(actor)),
             bottleneck: self.bottleneck(busy),
+            time: self.time,
+            traffic: Traffic::default(),
         }
     }
 
@@ -61,7 +63,7 @@ impl Trainer {
             episodes: self.ledger.commits().count(),
             transitions: self.tally.transitions,
             updates: self.ddpg.updates(),
-            busy_secs: self.busy_secs,
+            busy_secs: self.time.updates_secs,
         });
     }
 

@@ -7,6 +7,7 @@ mod status;
 mod transitions;
 mod work;
 
+pub(crate) use numbers::to_bytes as column;
 pub use policy::{policy_from_wire, policy_to_wire};
 pub use transitions::{transitions_from_wire, transitions_to_wire};
 pub use work::{hello_name, work_from_wire};

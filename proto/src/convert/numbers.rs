@@ -7,7 +7,7 @@ use bytes::Bytes;
 compile_error!("columns travel little-endian and are copied as they are");
 
 /// The bytes of a column.
-pub(super) fn to_bytes(numbers: &[f32]) -> Bytes {
+pub(crate) fn to_bytes(numbers: &[f32]) -> Bytes {
     Bytes::copy_from_slice(bytemuck::cast_slice(numbers))
 }
 
