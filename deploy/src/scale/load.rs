@@ -50,8 +50,10 @@ impl Load {
         let runtime = runtime.context("start the runtime of the synthetic actors")?;
         let (plan, meter, stop) = (Arc::new(plan), Arc::new(Meter::default()), CancellationToken::new());
         let mut started = JoinSet::new();
-        for _ in 0..actors {
-            let actor = live(address.to_owned(), plan.clone(), meter.clone(), stop.clone());
+        for index in 0..actors {
+            // Spread, so that they do not all begin at once after each pause.
+            let delay = plan.pause.mul_f64(f64::from(index) / f64::from(actors));
+            let actor = live(address.to_owned(), plan.clone(), meter.clone(), (delay, stop.clone()));
             started.spawn_on(actor, runtime.handle());
         }
         Ok(Self { runtime, actors: started, stop, meter })
@@ -90,7 +92,7 @@ async fn live(
     address: String,
     plan: Arc<Plan>,
     meter: Arc<Meter>,
-    stop: CancellationToken,
+    (delay, stop): (Duration, CancellationToken),
 ) -> Result<(), client::Error> {
     let client = Client::connect(&address).await?;
     let (pid, robots) = (std::process::id(), plan.robots);
@@ -108,7 +110,7 @@ async fn live(
         waiting: VecDeque::new(),
         outgoing: VecDeque::new(),
         sent: BTreeMap::new(),
-        next_start: Instant::now(),
+        next_start: Instant::now() + delay,
     };
     actor.serve(sender, receiver, &stop).await
 }

@@ -3,7 +3,7 @@
 use super::cpu;
 use super::figures::{Figures, Setting, Sight};
 use super::load::{Load, Plan};
-use super::meter::{Latency, Totals};
+use super::meter::{Meter, Totals};
 use super::payload::Payload;
 use crate::exit::Failure;
 use crate::train::child::Child;
@@ -13,6 +13,7 @@ use herd_proto::address::Address;
 use herd_proto::client::Client;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::process;
 use tokio::time::{sleep, timeout};
@@ -87,22 +88,26 @@ pub(crate) async fn measure(method: &Method, actors: u32) -> anyhow::Result<Figu
 
 async fn with_learner(method: &Method, actors: u32, dir: &Path, learner: u32) -> anyhow::Result<Figures> {
     let (client, address) = timeout(PATIENCE, connect(dir)).await.context("the learner does not answer")?;
-    let acting = start_actors(method, actors, dir, &address)?;
-    let pids = acting.pids();
+    let mut acting = start_actors(method, actors, dir, &address)?;
+    let (pids, meter) = (acting.pids(), acting.meter());
+    let latencies = || meter.as_ref().map_or((None, None), |meter| meter.take_latencies());
     let look = || sight(&client, learner, &pids);
     let window = async {
         let joined = all_joined(&client, actors);
         timeout(PATIENCE, joined).await.context("not all actors have joined")??;
         sleep(method.warmup).await;
-        acting.latencies();
+        latencies();
         let from = look().await?;
         sleep(method.window).await;
         let to = look().await?;
-        let (commit, broadcast) = acting.latencies();
+        let (commit, broadcast) = latencies();
         let figures = Figures::between(setting(method, actors), &from, &to);
         anyhow::Ok(Figures { commit, broadcast, ..figures })
     };
-    let mut figures = window.await?;
+    let mut figures = tokio::select! {
+        figures = window => figures?,
+        error = acting.failed() => return Err(error),
+    };
     figures.acknowledged = acting.finish().await?;
     let last = client.status().await?;
     figures.committed = Totals { episodes: last.episodes, transitions: last.transitions, refused: 0 };
@@ -186,11 +191,19 @@ impl Actors {
         }
     }
 
-    /// Commit and broadcast latencies since the last call.
-    fn latencies(&self) -> (Option<Latency>, Option<Latency>) {
+    /// What synthetic ones count.
+    fn meter(&self) -> Option<Arc<Meter>> {
         match self {
-            Self::Real(_) => (None, None),
-            Self::Synthetic(load) => load.meter.take_latencies(),
+            Self::Real(_) => None,
+            Self::Synthetic(load) => Some(load.meter.clone()),
+        }
+    }
+
+    /// The failure of a synthetic one; waits for as long as there is none.
+    async fn failed(&mut self) -> anyhow::Error {
+        match self {
+            Self::Real(_) => std::future::pending().await,
+            Self::Synthetic(load) => load.failed().await,
         }
     }
 

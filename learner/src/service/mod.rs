@@ -61,6 +61,7 @@ pub async fn serve(listener: TcpListener, context: Context, ready: CancellationT
         .max_concurrent_streams(Some(caps::STREAMS_PER_CONNECTION))
         .http2_keepalive_interval(Some(caps::KEEPALIVE_INTERVAL))
         .http2_keepalive_timeout(Some(caps::KEEPALIVE_TIMEOUT))
+        .max_frame_size(Some(caps::FRAME_BYTES))
         .initial_stream_window_size(Some(4 << 20))
         .initial_connection_window_size(Some(16 << 20))
         .add_service(health_service)

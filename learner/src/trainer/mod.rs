@@ -3,6 +3,9 @@
 //! ```text
 //! commands ─► ledger ─► journal ─► replay ─► ddpg ─► shelf ─► leases
 //! ```
+//! Episodes that may be committed at the same time share one sync of the journal and are acknowledged together; they
+//! are learned from one by one, in order, so it makes no difference to the run how many there were.
+//!
 //! A turn does one small thing (an update, a commit, a publication), then looks at the commands again, so that neither
 //! learning nor the network starves the other. What a turn does depends on the ledger alone, never on the clock, so
 //! in deterministic order the weights are a function of seed and configuration.
@@ -17,10 +20,10 @@ mod tally;
 use crate::ddpg::{self, Ddpg};
 use crate::history::checkpoint;
 use crate::history::epoch::{self, Epoch};
-use crate::history::journal::{self, Journal};
+use crate::history::journal::{self, Journal, Position};
 use crate::history::lease::{Claim, Exhausted};
 use crate::history::ledger::Ledger;
-use crate::history::record::Record;
+use crate::history::record::{Committed, Record};
 use crate::history::refusal::Refusal;
 use crate::metrics::{EvaluationLine, Lines};
 use crate::replay::Replay;
@@ -31,10 +34,12 @@ use command::{Command, Notice};
 use digest::Digest;
 use herd_common::caps;
 use herd_common::config::{Config, run::Durability};
+use herd_common::policy::Provenance;
 use herd_common::seed::Seed;
 use herd_common::status::Time;
 use herd_common::work::{Order, Work};
 use seats::Seats;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tally::{Meter, Tally};
@@ -92,8 +97,18 @@ pub struct Trainer {
     metrics: Lines,
     evaluations: Lines,
     shelf: watch::Sender<Arc<Shelf>>,
+    /// Commits that are kept and not learned from yet, with the point of the journal behind each.
+    pending: VecDeque<(Committed, Position)>,
     /// The commit that is being learned from.
     digest: Option<Digest>,
+    /// The point of the journal behind everything that was learned from.
+    learned: Position,
+    /// Who finished which episode, until its commit is acknowledged.
+    authors: BTreeMap<u64, u64>,
+    /// Something happened after which there may be leases to give.
+    may_lease: bool,
+    housekept_at: f64,
+    provenance: Provenance,
     checkpointed: Checkpointed,
     seats: Seats,
     meter: Meter,
@@ -118,6 +133,8 @@ enum Turn {
 
 /// Longest wait for a command when there is nothing else to do.
 const IDLE_WAIT: Duration = Duration::from_millis(100);
+/// Time between two looks at who is silent and what has expired.
+const HOUSEKEEPING_SECS: f64 = 0.05;
 /// After completion the learner answers this long, so that everybody hears of it.
 const FAREWELL_SECS: (f64, f64) = (1.5, 5.0);
 
@@ -152,30 +169,47 @@ impl Trainer {
     fn turn(&mut self) -> Result<Turn, Error> {
         if self.digest.is_some() {
             self.digest_more()?;
+        } else if let Some((committed, behind)) = self.pending.pop_front() {
+            self.begin_digest(&committed, behind);
         } else if let Some((version, outcomes)) = self.ledger.next_evaluation() {
-            self.keep(&Record::Evaluation { version, outcomes: outcomes.clone() })?;
+            self.journal.append(&Record::Evaluation { version, outcomes: outcomes.clone() })?;
+            self.keep()?;
+            self.learned = self.journal.position();
             self.conclude_evaluation(version, &outcomes)?;
-        } else if let Some(committed) = self.ledger.next_commit() {
-            let episode = committed.episode;
-            let record = Record::Episode(committed);
-            self.keep(&record)?;
-            self.seats.tell_all(&Notice::Committed(episode));
-            let Record::Episode(committed) = record else { unreachable!("built above") };
-            self.begin_digest(&committed);
-        } else if self.ledger.is_complete() {
-            return Ok(Turn::Complete);
-        } else {
-            return Ok(Turn::Idle);
+        } else if !self.commit_all()? {
+            return Ok(if self.ledger.is_complete() { Turn::Complete } else { Turn::Idle });
         }
         Ok(Turn::Worked)
     }
 
-    /// Puts a record into the journal; on return it is as durable as the configuration asks.
-    fn keep(&mut self, record: &Record) -> Result<(), Error> {
+    /// Commits the episodes whose turn it is with one sync, then acknowledges each; false when there are none.
+    fn commit_all(&mut self) -> Result<bool, Error> {
+        while self.pending.len() < caps::COMMITS_PER_SYNC {
+            let Some(committed) = self.ledger.next_commit() else { break };
+            let record = Record::Episode(committed);
+            self.journal.append(&record)?;
+            let Record::Episode(committed) = record else { unreachable!("built above") };
+            self.pending.push_back((committed, self.journal.position()));
+        }
+        if self.pending.is_empty() {
+            return Ok(false);
+        }
+        self.keep()?;
+        for (committed, _) in &self.pending {
+            if let Some(actor) = self.authors.remove(&committed.episode) {
+                // One that left or does not read loses nothing but the news.
+                self.seats.tell(actor, Notice::Committed(committed.episode));
+            }
+        }
+        self.may_lease = true;
+        Ok(true)
+    }
+
+    /// Makes what was appended to the journal as durable as the configuration asks.
+    fn keep(&mut self) -> Result<(), Error> {
         if !self.epoch.is_current()? {
             return Err(Error::Fenced(self.epoch.number()));
         }
-        self.journal.append(record)?;
         let begun = self.now();
         match self.config.history.durability {
             Durability::Disk => self.journal.sync()?,
@@ -186,6 +220,7 @@ impl Trainer {
     }
 
     fn conclude_evaluation(&mut self, version: u64, outcomes: &[herd_common::episode::Outcome]) -> Result<(), Error> {
+        self.may_lease = true;
         self.tally.evaluate(outcomes);
         Ok(self.evaluations.write(&EvaluationLine::new(version, outcomes))?)
     }
@@ -205,6 +240,7 @@ impl Trainer {
 
     fn handle(&mut self, command: Command) -> Result<bool, Error> {
         let now = self.now();
+        self.may_lease |= !matches!(command, Command::Transitions { .. } | Command::Heartbeat { .. });
         match command {
             Command::Join { newcomer, outbox, reply } => {
                 tracing::info!(host = newcomer.host, pid = newcomer.pid, robots = newcomer.robots, "actor joined");
@@ -225,6 +261,9 @@ impl Trainer {
                 self.seats.finished(actor, &outcome);
                 let claim = Claim { actor, work, attempt };
                 let finished = self.ledger.finish(&claim, outcome);
+                if let (Ok(()), Work::Episode(episode)) = (&finished, work) {
+                    self.authors.insert(episode, actor);
+                }
                 self.answer(claim, finished);
             }
             Command::Reject { actor, work, attempt, reason } => {
@@ -268,6 +307,7 @@ impl Trainer {
     /// Tells an actor that something was not taken, and gives the episode to somebody else if it held the lease.
     fn refuse(&mut self, claim: Claim, reason: String) {
         self.ledger.surrender(&claim);
+        self.may_lease = true;
         self.tell(claim.actor, Notice::Refused { work: claim.work, attempt: claim.attempt, reason });
     }
 
@@ -279,6 +319,7 @@ impl Trainer {
 
     fn leave(&mut self, actor: u64) {
         let freed = self.ledger.release(actor);
+        self.may_lease = true;
         self.seats.leave(actor);
         tracing::info!(actor, episodes = freed.len(), "actor left, its episodes are free again");
     }
@@ -287,6 +328,9 @@ impl Trainer {
 
     /// Gives every free robot the most urgent work.
     fn offer_leases(&mut self) -> Result<(), Error> {
+        if !std::mem::take(&mut self.may_lease) || !self.ledger.has_work() {
+            return Ok(());
+        }
         let now = self.now();
         for (actor, robots) in self.seats.robots() {
             while self.ledger.leases_of(actor) < robots as usize {
@@ -311,12 +355,17 @@ impl Trainer {
 
     fn keep_house(&mut self) {
         let now = self.now();
+        if now - self.housekept_at < HOUSEKEEPING_SECS {
+            return;
+        }
+        self.housekept_at = now;
         for actor in self.seats.silent(now) {
             tracing::warn!(actor, "actor is silent");
             self.leave(actor);
         }
         for (actor, work) in self.ledger.expire(now) {
             tracing::warn!(actor, %work, "no progress, leased to another");
+            self.may_lease = true;
             let reason = "no progress in time, the lease was taken back".to_owned();
             self.tell(actor, Notice::Refused { work, attempt: 0, reason });
         }

@@ -15,7 +15,7 @@ impl Trainer {
         let (rates, busy) = self.meter.rates();
         let episodes = self.ledger.commits().count();
         Status {
-            run: self.config.run_name(),
+            run: self.provenance.run.clone(),
             epoch: self.epoch.number(),
             phase: self.phase.to_owned(),
             schedule: match self.config.schedule.order {
