@@ -3,6 +3,7 @@
 //! Nothing here decides anything about the run. Streams end on the shutdown token, so that a graceful shutdown does
 //! not wait for peers that never hang up.
 
+mod broadcast;
 mod incoming;
 mod policies;
 mod traffic;
@@ -68,7 +69,7 @@ pub async fn serve(listener: TcpListener, context: Context, ready: CancellationT
         .add_service(reflection().build_v1()?)
         .add_service(reflection().build_v1alpha()?)
         .add_service(sized!(WorkServer::new(work::Service(context.clone()))))
-        .add_service(sized!(PoliciesServer::new(policies::Service(context.clone()))))
+        .add_service(broadcast::Shared::new(sized!(PoliciesServer::new(policies::Service(context.clone()))), &context))
         .add_service(sized!(TrainingServer::new(training::Service(context))))
         .serve_with_incoming_shutdown(incoming::guarded(listener, traffic), shutdown.clone().cancelled_owned());
     tokio::select! {

@@ -65,8 +65,14 @@ impl Trainer {
             updates: until,
             losses: LossFields::default(),
         };
-        self.digest =
-            Some(Digest { line, until, behind, critic: Mean::default(), actor: Mean::default(), value: Mean::default() });
+        self.digest = Some(Digest {
+            line,
+            until,
+            behind,
+            critic: Mean::default(),
+            actor: Mean::default(),
+            value: Mean::default(),
+        });
     }
 
     /// One update, or, when all are done, the publication of what was learned.
