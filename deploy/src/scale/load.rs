@@ -160,7 +160,7 @@ impl Actor {
             }
             let may_begin = self.outgoing.is_empty() && !self.waiting.is_empty() && !stopping;
             tokio::select! {
-                answer = receiver.next() => if !self.hear(answer?) { return Ok(()) },
+                answer = receiver.next() => if !self.hear(answer?.as_ref()) { return Ok(()) },
                 permit = sender.reserve(), if !self.outgoing.is_empty() => {
                     let (Some(permit), Some(report)) = (permit, self.outgoing.pop_front()) else { return Ok(()) };
                     if let Report::Finished { work: Work::Episode(episode), .. } = &report {
@@ -179,19 +179,19 @@ impl Actor {
     }
 
     /// Takes an answer; false at the end of the run.
-    fn hear(&mut self, answer: Option<Answer>) -> bool {
+    fn hear(&mut self, answer: Option<&Answer>) -> bool {
         match answer {
             None | Some(Answer::RunComplete) => return false,
-            Some(Answer::Lease(order)) => self.waiting.push_back(order),
+            Some(Answer::Lease(order)) => self.waiting.push_back(*order),
             Some(Answer::Committed(episode)) => {
-                if let Some(since) = self.sent.remove(&episode) {
+                if let Some(since) = self.sent.remove(episode) {
                     self.meter.committed(self.plan.payload.decisions(), since.elapsed());
                 }
             }
             Some(Answer::Refused { work, .. }) => {
                 self.meter.refused();
                 if let Work::Episode(episode) = work {
-                    self.sent.remove(&episode);
+                    self.sent.remove(episode);
                 }
             }
         }

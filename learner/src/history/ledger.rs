@@ -12,6 +12,7 @@
 //! that cannot.
 
 use super::commits::Commits;
+use super::holders::Holders;
 use super::lease::{Claim, Exhausted, FIRST_EVALUATION, Lease};
 use super::record::Committed;
 use super::refusal::{Reason, Refusal};
@@ -85,8 +86,7 @@ pub struct Ledger {
     entries: BTreeMap<Work, Entry>,
     /// Entries that nobody holds; the first is the next to lease.
     free: BTreeSet<Work>,
-    /// Leases by the actor that holds them; no entry for none.
-    held: BTreeMap<u64, usize>,
+    holders: Holders,
     /// Throughput order: finished episodes by arrival.
     arrived: VecDeque<u64>,
     /// Versions whose evaluation is not over.
@@ -106,7 +106,7 @@ impl Ledger {
             commits,
             entries: BTreeMap::new(),
             free: BTreeSet::new(),
-            held: BTreeMap::new(),
+            holders: Holders::default(),
             arrived: VecDeque::new(),
             due: BTreeSet::new(),
             evaluated,
@@ -139,7 +139,7 @@ impl Ledger {
         let staged = Batch::new(self.rules.action_dim);
         entry.state = State::Leased(Held { actor, version, progress_at: now, staged });
         let attempt = entry.attempts;
-        *self.held.entry(actor).or_default() += 1;
+        self.holders.take(actor);
         self.free.remove(&work);
         while self.commits.contains(self.next) || self.entries.contains_key(&Work::Episode(self.next)) {
             self.next += 1;
@@ -192,7 +192,7 @@ impl Ledger {
         let transitions = std::mem::take(&mut held.staged);
         let finished = Finished { version: held.version, outcome, transitions };
         self.entries.entry(claim.work).or_default().state = State::Finished(finished);
-        self.let_go(claim.actor);
+        self.holders.let_go([claim.actor]);
         if let (Work::Episode(episode), Order::Throughput) = (claim.work, self.rules.order) {
             self.arrived.push_back(episode);
         }
@@ -209,7 +209,7 @@ impl Ledger {
         if self.held(claim).is_ok() {
             self.entries.entry(claim.work).or_default().state = State::Free;
             self.free.insert(claim.work);
-            self.let_go(claim.actor);
+            self.holders.let_go([claim.actor]);
         }
     }
 
@@ -282,8 +282,7 @@ impl Ledger {
         self.due.remove(&version);
         let holder = |entry: &Entry| if let State::Leased(held) = &entry.state { Some(held.actor) } else { None };
         let entries = self.entries.range(Self::evaluation_range(version));
-        let holders: Vec<u64> = entries.filter_map(|(_, entry)| holder(entry)).collect();
-        holders.into_iter().for_each(|actor| self.let_go(actor));
+        self.holders.let_go(entries.filter_map(|(_, entry)| holder(entry)));
         self.entries.retain(|work, _| !Self::evaluation_range(version).contains(work));
         self.free.retain(|work| !Self::evaluation_range(version).contains(work));
     }
@@ -314,7 +313,7 @@ impl Ledger {
 
     /// Leases that an actor holds.
     pub fn leases_of(&self, actor: u64) -> usize {
-        self.held.get(&actor).copied().unwrap_or(0)
+        self.holders.of(actor)
     }
 
     /// True when an actor that asks now is given something.
@@ -412,18 +411,8 @@ impl Ledger {
                 self.free.insert(*work);
             }
         }
-        taken.iter().for_each(|(actor, _)| self.let_go(*actor));
+        self.holders.let_go(taken.iter().map(|(actor, _)| *actor));
         taken
-    }
-
-    /// One lease less for an actor.
-    fn let_go(&mut self, actor: u64) {
-        if let Some(count) = self.held.get_mut(&actor) {
-            *count -= 1;
-            if *count == 0 {
-                self.held.remove(&actor);
-            }
-        }
     }
 
     fn take_finished(&mut self, work: Work) -> Option<Finished> {
