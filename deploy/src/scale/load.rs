@@ -12,6 +12,7 @@ use herd_common::work::{Order, Work};
 use herd_proto::client::{self, Client};
 use herd_proto::link::{Answer, Hello, Receiver, Report, Sender};
 use std::collections::{BTreeMap, VecDeque};
+use std::future::Future;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -33,7 +34,8 @@ pub(crate) struct Plan {
 
 /// Running synthetic actors; they end with their runtime.
 pub(crate) struct Load {
-    runtime: tokio::runtime::Runtime,
+    /// There until it is dropped.
+    runtime: Option<tokio::runtime::Runtime>,
     actors: JoinSet<Result<(), client::Error>>,
     stop: CancellationToken,
     /// What they count.
@@ -46,17 +48,34 @@ const THREADS: usize = 2;
 impl Load {
     /// Starts this many actors of the learner at `address`.
     pub(crate) fn start(actors: u32, address: &str, plan: Plan) -> anyhow::Result<Self> {
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build();
-        let runtime = runtime.context("start the runtime of the synthetic actors")?;
-        let (plan, meter, stop) = (Arc::new(plan), Arc::new(Meter::default()), CancellationToken::new());
-        let mut started = JoinSet::new();
+        let mut load = Self::empty()?;
+        let plan = Arc::new(plan);
         for index in 0..actors {
             // Spread, so that they do not all begin at once after each pause.
             let delay = plan.pause.mul_f64(f64::from(index) / f64::from(actors));
-            let actor = live(address.to_owned(), plan.clone(), meter.clone(), (delay, stop.clone()));
-            started.spawn_on(actor, runtime.handle());
+            load.spawn(live(address.to_owned(), plan.clone(), load.meter.clone(), (delay, load.stop.clone())));
         }
-        Ok(Self { runtime, actors: started, stop, meter })
+        Ok(load)
+    }
+
+    /// Only follows the policies of the learner at `address`, to time them on their way.
+    pub(crate) fn probe(address: &str) -> anyhow::Result<Self> {
+        let mut load = Self::empty()?;
+        let (address, meter) = (address.to_owned(), load.meter.clone());
+        load.spawn(async move { follow(Client::connect(&address).await?, meter, Arc::default()).await });
+        Ok(load)
+    }
+
+    fn empty() -> anyhow::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build();
+        let runtime = Some(runtime.context("start the runtime of the synthetic actors")?);
+        Ok(Self { runtime, actors: JoinSet::new(), stop: CancellationToken::new(), meter: Arc::default() })
+    }
+
+    fn spawn(&mut self, actor: impl Future<Output = Result<(), client::Error>> + Send + 'static) {
+        if let Some(runtime) = &self.runtime {
+            self.actors.spawn_on(actor, runtime.handle());
+        }
     }
 
     /// The failure of an actor; waits for as long as there is none. Safe to drop while it waits.
@@ -80,10 +99,17 @@ impl Load {
             }
             anyhow::Ok(())
         };
-        let ended = tokio::time::timeout(patience, all).await;
-        self.runtime.shutdown_background();
-        ended.context("episodes stay without acknowledgement")??;
-        Ok(self.meter)
+        tokio::time::timeout(patience, all).await.context("episodes stay without acknowledgement")??;
+        Ok(self.meter.clone())
+    }
+}
+
+impl Drop for Load {
+    /// Without waiting, which an asynchronous caller may not.
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
     }
 }
 

@@ -59,7 +59,8 @@ const BETWEEN_LOOKS: Duration = Duration::from_millis(50);
 
 /// Whoever acts.
 enum Actors {
-    Real(Vec<process::Child>),
+    /// Processes, and a probe that follows the policies.
+    Real(Vec<process::Child>, Load),
     Synthetic(Load),
 }
 
@@ -90,17 +91,16 @@ async fn with_learner(method: &Method, actors: u32, dir: &Path, learner: u32) ->
     let (client, address) = timeout(PATIENCE, connect(dir)).await.context("the learner does not answer")?;
     let mut acting = start_actors(method, actors, dir, &address)?;
     let (pids, meter) = (acting.pids(), acting.meter());
-    let latencies = || meter.as_ref().map_or((None, None), |meter| meter.take_latencies());
     let look = || sight(&client, learner, &pids);
     let window = async {
         let joined = all_joined(&client, actors);
         timeout(PATIENCE, joined).await.context("not all actors have joined")??;
         sleep(method.warmup).await;
-        latencies();
+        meter.take_latencies();
         let from = look().await?;
         sleep(method.window).await;
         let to = look().await?;
-        let (commit, broadcast) = latencies();
+        let (commit, broadcast) = meter.take_latencies();
         let figures = Figures::between(setting(method, actors), &from, &to);
         anyhow::Ok(Figures { commit, broadcast, ..figures })
     };
@@ -150,7 +150,7 @@ fn start_actors(method: &Method, actors: u32, dir: &Path, address: &str) -> anyh
         let words = ["actor", "--learner", address, "--robots", &method.robots.to_string()].map(OsString::from);
         Child::new(&format!("actor-{index}"), words.to_vec(), dir)?.start()
     };
-    Ok(Actors::Real((0..actors).map(start).collect::<anyhow::Result<_>>()?))
+    Ok(Actors::Real((0..actors).map(start).collect::<anyhow::Result<_>>()?, Load::probe(address)?))
 }
 
 /// The learner in this directory, as soon as it answers.
@@ -186,32 +186,28 @@ async fn sight(client: &Client, learner: u32, actors: &[u32]) -> anyhow::Result<
 impl Actors {
     fn pids(&self) -> Vec<u32> {
         match self {
-            Self::Real(children) => children.iter().filter_map(process::Child::id).collect(),
+            Self::Real(children, _) => children.iter().filter_map(process::Child::id).collect(),
             Self::Synthetic(_) => vec![std::process::id()],
         }
     }
 
-    /// What synthetic ones count.
-    fn meter(&self) -> Option<Arc<Meter>> {
-        match self {
-            Self::Real(_) => None,
-            Self::Synthetic(load) => Some(load.meter.clone()),
-        }
+    /// What is counted and timed in this process.
+    fn meter(&self) -> Arc<Meter> {
+        let (Self::Real(_, load) | Self::Synthetic(load)) = self;
+        load.meter.clone()
     }
 
     /// The failure of a synthetic one; waits for as long as there is none.
     async fn failed(&mut self) -> anyhow::Error {
-        match self {
-            Self::Real(_) => std::future::pending().await,
-            Self::Synthetic(load) => load.failed().await,
-        }
+        let (Self::Real(_, load) | Self::Synthetic(load)) = self;
+        load.failed().await
     }
 
     /// Ends them; what synthetic ones counted, when all they had begun is acknowledged.
     async fn finish(self) -> anyhow::Result<Option<Totals>> {
         match self {
             // They end with their handles.
-            Self::Real(_) => Ok(None),
+            Self::Real(..) => Ok(None),
             Self::Synthetic(load) => Ok(Some(load.finish(PATIENCE).await?.totals())),
         }
     }
