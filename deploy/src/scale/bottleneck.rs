@@ -15,6 +15,8 @@ pub(crate) struct Signs {
     pub(crate) learner_cores: f64,
     /// Cores that all actors here keep busy.
     pub(crate) actors_cores: f64,
+    /// Cores that anything else here keeps busy.
+    pub(crate) other_cores: f64,
     /// Cores of this machine.
     pub(crate) cores: f64,
     /// Episodes that all robots together could run at once.
@@ -30,9 +32,20 @@ const BUSY_IDLE: f64 = 0.15;
 /// Use of all cores from which on the machine is full.
 const FULL: f64 = 0.9;
 
+/// Use of all cores by strangers from which on figures are told with a warning.
+const STRANGERS: f64 = 0.15;
+
 /// The bottleneck, in one line.
 pub(crate) fn name(signs: &Signs) -> String {
-    let Signs { updates, sync, idle, learner_cores, actors_cores, cores, robots, allowed, paced } = *signs;
+    let told = limit(signs);
+    if signs.other_cores < STRANGERS * signs.cores {
+        return told;
+    }
+    format!("{told}; other programs keep {:.1} of {:.0} cores busy", signs.other_cores, signs.cores)
+}
+
+fn limit(signs: &Signs) -> String {
+    let Signs { updates, sync, idle, learner_cores, actors_cores, cores, robots, allowed, paced, .. } = *signs;
     let percent = |share: f64| format!("{:.0} %", share * 100.0);
     let messages = (1.0 - updates - sync - idle).max(0.0);
     let busy = idle < BUSY_IDLE;
@@ -80,6 +93,9 @@ mod tests {
         );
         check(|s| s.robots = 20, "leases: 20 robots share 17");
         check(|_| {}, "actors: the time that episodes take; the learner waits 50 %");
+        check(|s| s.other_cores = 0.2, "actors: the time that episodes take; the learner waits 50 % of the time");
+        let busy = Signs { idle: 0.5, cores: 2.0, other_cores: 1.2, allowed: 1, ..Signs::default() };
+        assert!(name(&busy).ends_with("; other programs keep 1.2 of 2 cores busy"), "{}", name(&busy));
         check(|s| s.paced = true, "actors: pauses that were asked for");
     }
 

@@ -16,6 +16,8 @@ pub(crate) struct Sight {
     pub(crate) learner_cpu_secs: f64,
     /// CPU time of all actors so far, s.
     pub(crate) actors_cpu_secs: f64,
+    /// CPU time of everything on this machine so far, s.
+    pub(crate) machine_cpu_secs: f64,
 }
 
 /// What does not change while a point is measured.
@@ -77,12 +79,15 @@ impl Figures {
         let secs = (to.at - from.at).max(f64::MIN_POSITIVE);
         let per_sec = |of: fn(&Status) -> u64| of(&to.status).saturating_sub(of(&from.status)) as f64 / secs;
         let share = |of: fn(&Status) -> f64| ((of(&to.status) - of(&from.status)) / secs).clamp(0.0, 1.0);
+        let cores = |of: fn(&Sight) -> f64| (of(to) - of(from)) / secs;
+        let (learner_cores, actors_cores) = (cores(|s| s.learner_cpu_secs), cores(|s| s.actors_cpu_secs));
         let signs = Signs {
             updates: share(|status| status.time.updates_secs),
             sync: share(|status| status.time.sync_secs),
             idle: share(|status| status.time.idle_secs),
-            learner_cores: (to.learner_cpu_secs - from.learner_cpu_secs) / secs,
-            actors_cores: (to.actors_cpu_secs - from.actors_cpu_secs) / secs,
+            learner_cores,
+            actors_cores,
+            other_cores: (cores(|s| s.machine_cpu_secs) - learner_cores - actors_cores).max(0.0),
             cores: f64::from(setting.cores),
             robots: u64::from(setting.actors) * u64::from(setting.robots),
             allowed: setting.allowed,

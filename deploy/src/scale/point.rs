@@ -178,6 +178,7 @@ async fn sight(client: &Client, learner: u32, actors: &[u32]) -> anyhow::Result<
     Ok(Sight {
         at: status.uptime_secs,
         status,
+        machine_cpu_secs: cpu::machine_secs(),
         learner_cpu_secs: cpu::used_secs(learner),
         actors_cpu_secs: actors.iter().map(|pid| cpu::used_secs(*pid)).sum(),
     })

@@ -78,6 +78,8 @@ impl Trainer {
             ddpg,
             shelf,
             pending: VecDeque::new(),
+            committed_at: 0.0,
+            published_at: 0.0,
             digest: None,
             learned,
             authors: BTreeMap::new(),
@@ -165,8 +167,7 @@ impl Trainer {
                 }
                 Record::Evaluation { version, outcomes } => {
                     self.ledger.reevaluate(version);
-                    self.conclude_evaluation(version, &outcomes)?;
-                    self.learned = behind;
+                    self.conclude_evaluation(version, &outcomes, behind)?;
                 }
             }
         }

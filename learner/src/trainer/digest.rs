@@ -3,7 +3,7 @@
 use super::{Error, Trainer};
 use crate::ddpg::Update;
 use crate::history::journal::Position;
-use crate::history::record::Committed;
+use crate::history::record::{Committed, Record};
 use crate::metrics::{EpisodeLine, LossFields, OutcomeFields};
 use crate::{export, shelf::Shelf};
 use herd_common::config::ddpg;
@@ -40,6 +40,9 @@ impl Mean {
         (self.count > 0).then(|| self.sum / f64::from(self.count))
     }
 }
+
+/// In throughput order, versions that follow each other faster than this are not all published.
+const PUBLISH_SECS: f64 = 0.05;
 
 /// Updates that a run has earned once this many transitions are committed.
 pub(super) fn updates_earned(config: &ddpg::Config, transitions: u64) -> u64 {
@@ -111,12 +114,26 @@ impl Trainer {
 
     /// Version of the newest policy: commits digested.
     pub(super) fn version(&self) -> u64 {
-        self.ledger.commits().count() - self.pending.len() as u64 - u64::from(self.digest.is_some())
+        self.ledger.commits().count() - self.waiting().count() as u64 - u64::from(self.digest.is_some())
     }
 
-    /// True when nobody can ask for this version: the next one follows at once, and leases name the newest.
+    /// Commits that are not begun.
+    fn waiting(&self) -> impl Iterator<Item = &Committed> {
+        self.pending.iter().filter_map(|(record, _)| match record {
+            Record::Episode(committed) => Some(committed),
+            Record::Evaluation { .. } => None,
+        })
+    }
+
+    /// Transitions of all commits.
+    pub(super) fn transitions(&self) -> u64 {
+        self.tally.transitions + self.waiting().map(|committed| committed.transitions.len() as u64).sum::<u64>()
+    }
+
+    /// True when this version need not be published: leases name the newest, and the next follows at once.
     fn may_skip(&self, version: u64) -> bool {
-        let follows = self.restoring() || !self.pending.is_empty();
+        let soon = self.now() - self.published_at < PUBLISH_SECS && self.waiting().next().is_some();
+        let follows = self.restoring() || soon;
         follows && self.config.schedule.order == Order::Throughput && !self.ledger.evaluates(version)
     }
 
@@ -127,6 +144,7 @@ impl Trainer {
         let mut shelf = Shelf::clone(&self.shelf.borrow());
         shelf.put(policy, super::unix_nanos());
         self.ledger.published(version);
+        self.published_at = self.now();
         self.may_lease = true;
         shelf.keep(|version| self.ledger.wants(version));
         self.shelf.send_replace(Arc::new(shelf));

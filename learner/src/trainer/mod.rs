@@ -34,6 +34,7 @@ use command::{Command, Notice};
 use digest::Digest;
 use herd_common::caps;
 use herd_common::config::{Config, run::Durability};
+use herd_common::episode::Outcome;
 use herd_common::policy::Provenance;
 use herd_common::seed::Seed;
 use herd_common::status::Time;
@@ -97,8 +98,10 @@ pub struct Trainer {
     metrics: Lines,
     evaluations: Lines,
     shelf: watch::Sender<Arc<Shelf>>,
-    /// Commits that are kept and not learned from yet, with the point of the journal behind each.
-    pending: VecDeque<(Committed, Position)>,
+    /// What the journal has and was not learned from yet, with the point of the journal behind each.
+    pending: VecDeque<(Record, Position)>,
+    committed_at: f64,
+    published_at: f64,
     /// The commit that is being learned from.
     digest: Option<Digest>,
     /// The point of the journal behind everything that was learned from.
@@ -133,6 +136,9 @@ enum Turn {
 
 /// Longest wait for a command when there is nothing else to do.
 const IDLE_WAIT: Duration = Duration::from_millis(100);
+/// Time after which episodes are committed though earlier ones are still to be learned from: nobody waits much longer
+/// for an acknowledgement, and syncs take little of the time for learning.
+const COMMIT_SECS: f64 = 0.05;
 /// Time between two looks at who is silent and what has expired.
 const HOUSEKEEPING_SECS: f64 = 0.05;
 /// After completion the learner answers this long, so that everybody hears of it.
@@ -167,42 +173,53 @@ impl Trainer {
 
     /// One small step of the run.
     fn turn(&mut self) -> Result<Turn, Error> {
+        if self.pending.is_empty() || self.now() - self.committed_at > COMMIT_SECS {
+            self.commit_all()?;
+        }
         if self.digest.is_some() {
             self.digest_more()?;
-        } else if let Some((committed, behind)) = self.pending.pop_front() {
-            self.begin_digest(&committed, behind);
-        } else if let Some((version, outcomes)) = self.ledger.next_evaluation() {
-            self.journal.append(&Record::Evaluation { version, outcomes: outcomes.clone() })?;
-            self.keep()?;
-            self.learned = self.journal.position();
-            self.conclude_evaluation(version, &outcomes)?;
-        } else if !self.commit_all()? {
+        } else if let Some((record, behind)) = self.pending.pop_front() {
+            match record {
+                Record::Episode(committed) => self.begin_digest(&committed, behind),
+                Record::Evaluation { version, outcomes } => self.conclude_evaluation(version, &outcomes, behind)?,
+            }
+        } else {
             return Ok(if self.ledger.is_complete() { Turn::Complete } else { Turn::Idle });
         }
         Ok(Turn::Worked)
     }
 
-    /// Commits the episodes whose turn it is with one sync, then acknowledges each; false when there are none.
-    fn commit_all(&mut self) -> Result<bool, Error> {
+    /// Commits what is over and whose turn it is with one sync, then acknowledges each episode.
+    fn commit_all(&mut self) -> Result<(), Error> {
+        let known = self.pending.len();
+        while let Some((version, outcomes)) = self.ledger.next_evaluation() {
+            self.append(Record::Evaluation { version, outcomes })?;
+        }
         while self.pending.len() < caps::COMMITS_PER_SYNC {
             let Some(committed) = self.ledger.next_commit() else { break };
-            let record = Record::Episode(committed);
-            self.journal.append(&record)?;
-            let Record::Episode(committed) = record else { unreachable!("built above") };
-            self.pending.push_back((committed, self.journal.position()));
+            self.append(Record::Episode(committed))?;
         }
-        if self.pending.is_empty() {
-            return Ok(false);
+        if self.pending.len() == known {
+            return Ok(());
         }
         self.keep()?;
-        for (committed, _) in &self.pending {
-            if let Some(actor) = self.authors.remove(&committed.episode) {
+        for (record, _) in self.pending.iter().skip(known) {
+            if let Record::Episode(Committed { episode, .. }) = record
+                && let Some(actor) = self.authors.remove(episode)
+            {
                 // One that left or does not read loses nothing but the news.
-                self.seats.tell(actor, Notice::Committed(committed.episode));
+                self.seats.tell(actor, Notice::Committed(*episode));
             }
         }
+        self.committed_at = self.now();
         self.may_lease = true;
-        Ok(true)
+        Ok(())
+    }
+
+    fn append(&mut self, record: Record) -> Result<(), Error> {
+        self.journal.append(&record)?;
+        self.pending.push_back((record, self.journal.position()));
+        Ok(())
     }
 
     /// Makes what was appended to the journal as durable as the configuration asks.
@@ -219,8 +236,8 @@ impl Trainer {
         Ok(())
     }
 
-    fn conclude_evaluation(&mut self, version: u64, outcomes: &[herd_common::episode::Outcome]) -> Result<(), Error> {
-        self.may_lease = true;
+    fn conclude_evaluation(&mut self, version: u64, outcomes: &[Outcome], behind: Position) -> Result<(), Error> {
+        self.learned = behind;
         self.tally.evaluate(outcomes);
         Ok(self.evaluations.write(&EvaluationLine::new(version, outcomes))?)
     }

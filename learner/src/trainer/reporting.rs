@@ -30,7 +30,7 @@ impl Trainer {
             .to_owned(),
             episodes,
             episodes_target: self.config.episodes,
-            transitions: self.tally.transitions,
+            transitions: self.transitions(),
             updates: self.ddpg.updates(),
             policy_version: self.version(),
             uptime_secs: now,
@@ -61,7 +61,7 @@ impl Trainer {
         self.meter.sample(Sample {
             at: now,
             episodes: self.ledger.commits().count(),
-            transitions: self.tally.transitions,
+            transitions: self.transitions(),
             updates: self.ddpg.updates(),
             busy_secs: self.time.updates_secs,
         });
