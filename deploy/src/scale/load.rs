@@ -42,6 +42,8 @@ pub(crate) struct Load {
     pub(crate) meter: Arc<Meter>,
 }
 
+/// Tries of one actor to join.
+const TRIES: u32 = 10;
 /// Threads of all synthetic actors together.
 const THREADS: usize = 2;
 
@@ -120,10 +122,7 @@ async fn live(
     meter: Arc<Meter>,
     (delay, stop): (Duration, CancellationToken),
 ) -> Result<(), client::Error> {
-    let client = Client::connect(&address).await?;
-    let (pid, robots) = (std::process::id(), plan.robots);
-    let hello = Hello { host: "synthetic".into(), pid, robots, ..Hello::default() };
-    let (_, sender, receiver) = client.join(hello).await?;
+    let (client, sender, receiver) = join(&address, plan.robots).await?;
     let version = Arc::new(AtomicU64::new(0));
     let _follower = (!plan.deaf).then(|| {
         let follower = tokio::spawn(follow(client.clone(), meter.clone(), version.clone()));
@@ -139,6 +138,27 @@ async fn live(
         next_start: Instant::now() + delay,
     };
     actor.serve(sender, receiver, &stop).await
+}
+
+/// Joins as real actors do, who try again when a thousand knock at once.
+async fn join(address: &str, robots: u32) -> Result<(Client, Sender, Receiver), client::Error> {
+    let hello = Hello { host: "synthetic".into(), pid: std::process::id(), robots, ..Hello::default() };
+    let mut tries = 1;
+    loop {
+        let joined = async {
+            let client = Client::connect(address).await?;
+            let (_, sender, receiver) = client.join(hello.clone()).await?;
+            Ok((client, sender, receiver))
+        };
+        match joined.await {
+            Err(error) if tries < TRIES && error.is_transient() => {
+                tracing::warn!(%error, "a synthetic actor tries to join again");
+                tries += 1;
+                tokio::time::sleep(caps::RECONNECT_PAUSE.0).await;
+            }
+            joined => return joined,
+        }
+    }
 }
 
 /// Decodes, checks and keeps each policy, as an actor does before it acts with it.

@@ -6,8 +6,8 @@
 //! ```
 //! Discrete events on a whole number of nanoseconds, no dice and no clock: equal settings give equal figures. What it
 //! assumes: a robot waits until its episode has been learned from; every episode is equally long; an ingest shard is
-//! one journal with its disk; all shards feed one learner; a policy is published whenever the link has delivered the
-//! last one; a relay passes a policy on when it has all of it. It knows no failures and no contention of cores.
+//! one journal with its disk; all shards feed one learner; a policy is published when the link has sent the last
+//! one, at most 20 times a second; a relay passes a policy on when it has all of it. It knows no failures and no contention of cores.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -57,7 +57,9 @@ pub(crate) struct Prediction {
     pub(crate) learner: f64,
     /// The same of the busiest shard.
     pub(crate) ingest: f64,
-    /// The same of the learner's link, policies out and transitions in.
+    /// The same of the learner's link, policies out; the newest wins, so a full link delays and stops nothing.
+    pub(crate) broadcast: f64,
+    /// The same of a shard's link, transitions in.
     pub(crate) link: f64,
     /// Episodes learned from between an episode's policy and itself, mean.
     pub(crate) staleness: f64,
@@ -67,6 +69,8 @@ pub(crate) struct Prediction {
     pub(crate) delivery_secs: f64,
 }
 
+/// Least time between two publications, as in throughput order.
+const PUBLISH_SECS: f64 = 0.05;
 /// Bytes of one transition on the wire.
 const TRANSITION_BYTES: f64 = 488.0;
 /// Lengths of an episode that pass before figures count, and that figures are of.
@@ -172,7 +176,7 @@ impl World {
         }
         if at >= self.link_free {
             let busy = self.publish_nanos();
-            self.link_free = at + busy;
+            self.link_free = at + busy.max(nanos(PUBLISH_SECS));
             self.events.push(Reverse((at + busy * self.levels(), Event::Delivered(self.learned))));
             self.count.link_busy += if counts { busy } else { 0 };
         }
@@ -191,7 +195,8 @@ impl World {
             updates_per_sec: transitions_per_sec * design.updates_per_transition,
             learner: count.learner_busy as f64 / NANOS / secs,
             ingest: transitions_per_sec / shards / design.ingest_per_sec,
-            link: (count.link_busy as f64 / NANOS / secs).max(into),
+            broadcast: count.link_busy as f64 / NANOS / secs,
+            link: into,
             staleness: count.staleness as f64 / episodes,
             wait_secs: count.wait as f64 / NANOS / episodes,
             delivery_secs: (self.publish_nanos() * self.levels()) as f64 / NANOS,
@@ -228,9 +233,10 @@ impl World {
 }
 
 impl Prediction {
-    /// The busiest part.
+    /// The busiest part, or the robots if none is busy.
     pub(crate) fn bottleneck(&self) -> &'static str {
-        let parts = [(self.learner, "updates"), (self.ingest, "ingest"), (self.link, "link")];
+        let parts =
+            [(self.learner, "updates"), (self.ingest, "ingest"), (self.link, "link"), (self.broadcast, "broadcast")];
         let busiest = parts.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
         busiest.filter(|(share, _)| *share > 0.7).map_or("robots", |(_, name)| name)
     }
@@ -290,7 +296,7 @@ mod tests {
     fn relays_take_load_off_the_link_and_add_hops() {
         let flat = predict(DEMAND, Design { link_bytes_per_sec: 1e6, ..DESIGN });
         close(flat.delivery_secs, 20.0);
-        assert_eq!(flat.bottleneck(), "link");
+        assert_eq!(flat.bottleneck(), "broadcast");
         let tree = predict(DEMAND, Design { link_bytes_per_sec: 1e6, fan_out: 4, ..DESIGN });
         close(tree.delivery_secs, 3.0 * 4.0);
         assert!(tree.staleness < flat.staleness, "{tree:?} {flat:?}");

@@ -57,7 +57,7 @@ pub(crate) fn table(measured: Measured) -> String {
     let [episode_secs, decisions] = [EPISODE.0, EPISODE.1];
     let mut text = String::new();
     for design in designs(measured) {
-        let head = "robots transitions/s updates/s updates ingest link stale wait delivery bottleneck";
+        let head = "robots transitions/s updates/s updates ingest broadcast stale wait delivery bottleneck";
         let mut rows = vec![head.split(' ').map(str::to_owned).collect::<Vec<_>>()];
         for robots in ROBOTS {
             rows.push(row(robots, &predict(Demand { robots, episode_secs, decisions }, design)));
@@ -72,15 +72,18 @@ pub(crate) fn table(measured: Measured) -> String {
 
 fn row(robots: u64, p: &Prediction) -> Vec<String> {
     let whole = |x: f64| count(x.round() as u64);
+    // A full queue grows with the time that is looked at; its length says nothing.
+    let full = p.learner.max(p.ingest) > 0.99;
+    let settled = |figure: String| if full { "–".to_owned() } else { figure };
     vec![
         count(robots),
         whole(p.transitions_per_sec),
         whole(p.updates_per_sec),
         percent(p.learner),
         percent(p.ingest),
-        percent(p.link),
-        whole(p.staleness),
-        format!("{:.2} s", p.wait_secs),
+        percent(p.broadcast),
+        settled(whole(p.staleness)),
+        settled(format!("{:.2} s", p.wait_secs)),
         format!("{:.3} s", p.delivery_secs),
         p.bottleneck().to_owned(),
     ]
