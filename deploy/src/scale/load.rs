@@ -148,7 +148,7 @@ async fn join(address: &str, robots: u32) -> Result<(Client, Sender, Receiver), 
         let joined = async {
             let client = Client::connect(address).await?;
             let (_, sender, receiver) = client.join(hello.clone()).await?;
-            Ok((client, sender, receiver))
+            Ok::<_, client::Error>((client, sender, receiver))
         };
         match joined.await {
             Err(error) if tries < TRIES && error.is_transient() => {

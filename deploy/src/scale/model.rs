@@ -272,7 +272,8 @@ mod tests {
     fn an_idle_learner_follows_the_robots() {
         let found = predict(DEMAND, DESIGN);
         close(found.transitions_per_sec, 20.0 * 80.0 / 10.0);
-        close(found.staleness, 20.0);
+        // Twenty that were in flight, and the one whose policy was still on its way.
+        close(found.staleness, 21.0);
         assert_eq!(found.bottleneck(), "robots");
         assert_eq!(found, predict(DEMAND, DESIGN), "no dice");
     }
