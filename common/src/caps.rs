@@ -24,6 +24,8 @@ pub const POLICY_LAYERS: usize = 16;
 pub const POLICY_LAYER_WEIGHTS: usize = 16 << 20;
 /// Most robots one actor process may run.
 pub const ROBOTS_PER_ACTOR: u32 = 256;
+/// Largest HTTP/2 frame either side takes: larger ones mean fewer of them for a policy or a piece of an episode.
+pub const FRAME_BYTES: u32 = 256 << 10;
 /// Streams one connection may hold open.
 pub const STREAMS_PER_CONNECTION: u32 = 64;
 
@@ -35,6 +37,8 @@ pub const ACTORS: usize = 1024;
 pub const CONNECTIONS: usize = 4096;
 /// Commands waiting for the trainer; senders wait when it is full, and so the network does.
 pub const TRAINER_QUEUE: usize = 1024;
+/// Episodes that one sync of the journal may cover; each is acknowledged when the sync has returned.
+pub const COMMITS_PER_SYNC: usize = 256;
 /// Commands handled between two updates, so that neither starves the other.
 pub const COMMANDS_PER_TURN: usize = 64;
 /// Messages waiting for one actor; an actor that does not read them is disconnected.

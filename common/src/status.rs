@@ -47,6 +47,30 @@ pub struct Status {
     pub actors: Vec<Actor>,
     /// What limits the run now.
     pub bottleneck: String,
+    /// Where the trainer's time went.
+    pub time: Time,
+    /// What went over the wire.
+    pub traffic: Traffic,
+}
+
+/// Where the time of the trainer thread went since the learner was started; the rest is messages and bookkeeping.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Time {
+    /// Updates, s.
+    pub updates_secs: f64,
+    /// Waiting until commits are on disk, s.
+    pub sync_secs: f64,
+    /// Waiting for episodes, s.
+    pub idle_secs: f64,
+}
+
+/// What went over the learner's connections since it was started, HTTP/2 included.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Traffic {
+    /// From actors and operators.
+    pub received_bytes: u64,
+    /// To them.
+    pub sent_bytes: u64,
 }
 
 /// Per second, over the last ten seconds or so.

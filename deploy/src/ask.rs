@@ -96,7 +96,8 @@ pub(crate) fn block_on<T, E: Into<anyhow::Error>>(future: impl Future<Output = R
     runtime.block_on(future).map_err(Into::into)
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+/// Seconds or the like from a command line.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(secs) if secs > 0.0 && secs <= 1e6 => Ok(secs),
         _ => Err("expected seconds, more than 0 and at most 1000000".to_owned()),

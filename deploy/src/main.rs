@@ -15,6 +15,8 @@ mod eval;
 #[cfg(feature = "learner")]
 mod learner;
 mod report;
+#[cfg(all(feature = "actor", feature = "learner"))]
+mod scale;
 mod status;
 #[cfg(all(feature = "actor", feature = "learner"))]
 mod train;
@@ -63,6 +65,8 @@ enum Command {
     #[cfg(feature = "actor")]
     Eval(eval::Args),
     Report(report::Args),
+    #[cfg(all(feature = "actor", feature = "learner"))]
+    Scale(scale::Args),
     Config(config::Args),
     Checkpoint(ask::CheckpointArgs),
     Stop(ask::StopArgs),
@@ -97,6 +101,8 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         #[cfg(feature = "actor")]
         Command::Eval(args) => eval::run(&args),
         Command::Report(args) => report::run(&args),
+        #[cfg(all(feature = "actor", feature = "learner"))]
+        Command::Scale(args) => scale::run(&args),
         Command::Config(args) => config::run(&args),
         Command::Checkpoint(args) => ask::checkpoint(&args),
         Command::Stop(args) => ask::stop(&args),

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Every subcommand.
-const SUBCOMMANDS: [&str; 10] =
-    ["train", "learner", "actor", "status", "eval", "config", "checkpoint", "stop", "wait-ready", "report"];
+const SUBCOMMANDS: [&str; 11] =
+    ["train", "learner", "actor", "status", "eval", "config", "checkpoint", "stop", "wait-ready", "report", "scale"];
 /// Reaching it means that a command went on which should have refused.
 const LIMIT: Duration = Duration::from_mins(1);
 

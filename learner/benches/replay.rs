@@ -1,4 +1,4 @@
-//! What does a minibatch cost out of a replay memory that no cache holds?
+//! What does a minibatch cost out of a replay memory that no cache holds, up to ten million transitions?
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use herd_common::seed::Seed;
@@ -7,25 +7,36 @@ use herd_common::transition::Batch;
 use herd_learner::ddpg::{Batch as Minibatch, Dims};
 use herd_learner::replay::Replay;
 
-const TRANSITIONS: usize = 200_000;
+/// Transitions of one push.
+const PUSH: usize = 1000;
+const SMALL: usize = 200_000;
+/// 4.7 GB.
+const LARGE: usize = 10_000_000;
 
-fn sample(criterion: &mut Criterion) {
-    let n = 1000;
-    let batch = Batch {
+fn batch() -> Batch {
+    Batch {
         action_dim: GAIT_ACTION_DIM,
-        observations: vec![0.5; n * OBSERVATION_DIM],
-        actions: vec![0.5; n * GAIT_ACTION_DIM],
-        rewards: vec![1.0; n],
-        discounts: vec![0.95; n],
-        next_observations: vec![0.5; n * OBSERVATION_DIM],
-    };
-    let mut replay = Replay::new(TRANSITIONS, OBSERVATION_DIM, GAIT_ACTION_DIM);
-    for _ in 0..TRANSITIONS / n {
+        observations: vec![0.5; PUSH * OBSERVATION_DIM],
+        actions: vec![0.5; PUSH * GAIT_ACTION_DIM],
+        rewards: vec![1.0; PUSH],
+        discounts: vec![0.95; PUSH],
+        next_observations: vec![0.5; PUSH * OBSERVATION_DIM],
+    }
+}
+
+fn full(transitions: usize) -> Replay {
+    let (mut replay, batch) = (Replay::new(transitions, OBSERVATION_DIM, GAIT_ACTION_DIM), batch());
+    for _ in 0..transitions / PUSH {
         replay.push(&batch);
     }
+    replay
+}
+
+fn measure(criterion: &mut Criterion, transitions: usize) {
+    let (mut replay, batch) = (full(transitions), batch());
     let mut rng = Seed::from_number(1).rng();
     let dims = Dims { observation: OBSERVATION_DIM, action: GAIT_ACTION_DIM };
-    let mut group = criterion.benchmark_group("replay");
+    let mut group = criterion.benchmark_group(format!("replay of {transitions}"));
     for size in [64, 256] {
         group.throughput(Throughput::Elements(size as u64));
         let minibatch = Minibatch::new(size, dims).expect("tensors");
@@ -36,9 +47,24 @@ fn sample(criterion: &mut Criterion) {
             });
         });
     }
-    group.throughput(Throughput::Elements(n as u64));
-    group.bench_function(format!("push/{n}"), |bencher| bencher.iter(|| replay.push(&batch)));
+    group.throughput(Throughput::Elements(PUSH as u64));
+    group.bench_function(format!("push/{PUSH}"), |bencher| bencher.iter(|| replay.push(&batch)));
+    eprintln!("replay of {transitions}: this process holds {}", resident());
 }
 
-criterion_group!(benches, sample);
+/// Memory of this process, in the kernel's words.
+fn resident() -> String {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap_or("?").trim().to_owned()
+}
+
+fn small(criterion: &mut Criterion) {
+    measure(criterion, SMALL);
+}
+
+fn large(criterion: &mut Criterion) {
+    measure(criterion, LARGE);
+}
+
+criterion_group!(benches, small, large);
 criterion_main!(benches);

@@ -4,7 +4,7 @@ use crate::ddpg::{self, Ddpg, Dims};
 use crate::export;
 use crate::history::epoch::{self, Epoch};
 use crate::run_dir::{self, RunDir, write_whole};
-use crate::service::{self, Context};
+use crate::service::{self, Context, Traffic};
 use crate::shelf::Shelf;
 pub use crate::trainer::Ended;
 use crate::trainer::command::{Command, Handle};
@@ -124,6 +124,7 @@ pub async fn run(options: Options, shutdown: CancellationToken) -> Result<Ended,
         config: Arc::new(config.clone()),
         epoch: epoch.number(),
         shutdown: streams.clone(),
+        traffic: Arc::new(Traffic::default()),
     };
     let training = {
         let (runtime, ready, over) = (tokio::runtime::Handle::current(), ready.clone(), streams.clone().drop_guard());

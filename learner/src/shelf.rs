@@ -1,5 +1,6 @@
 //! The published policies: an immutable shelf that is replaced as a whole, so readers never wait for the trainer.
 
+use bytes::Bytes;
 use herd_common::policy::Policy;
 use herd_proto::{convert, v1};
 use std::collections::BTreeMap;
@@ -12,6 +13,8 @@ pub struct Published {
     pub policy: Policy,
     /// The same for the wire; cloning it clones handles, not weights.
     pub wire: v1::Policy,
+    /// The same as a gRPC message with its five bytes in front: every stream sends these bytes.
+    pub frame: Bytes,
 }
 
 /// Every policy that a lease may name, by version.
@@ -21,10 +24,11 @@ pub struct Shelf {
 }
 
 impl Shelf {
-    /// Adds a policy.
-    pub fn put(&mut self, policy: Policy) {
-        let wire = convert::policy_to_wire(&policy);
-        self.policies.insert(policy.provenance.version, Arc::new(Published { policy, wire }));
+    /// Adds a policy that is published at this moment, ns since 1970.
+    pub fn put(&mut self, policy: Policy, unix_nanos: u64) {
+        let wire = convert::policy_to_wire(&policy, Some(unix_nanos));
+        let frame = convert::grpc_frame(&wire);
+        self.policies.insert(policy.provenance.version, Arc::new(Published { policy, wire, frame }));
     }
 
     /// Keeps what `wanted` says and the newest.

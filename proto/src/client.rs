@@ -79,6 +79,7 @@ impl Client {
             .http2_keep_alive_interval(caps::KEEPALIVE_INTERVAL)
             .keep_alive_timeout(caps::KEEPALIVE_TIMEOUT)
             .keep_alive_while_idle(true)
+            .max_frame_size(caps::FRAME_BYTES)
             .initial_stream_window_size(4 << 20)
             .initial_connection_window_size(16 << 20);
         let channel = endpoint

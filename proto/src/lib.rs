@@ -8,6 +8,7 @@ pub mod client;
 pub mod convert;
 mod error;
 pub mod link;
+pub mod packed;
 
 pub use error::WireError;
 

@@ -1,6 +1,7 @@
 //! The actor's end of `Work.Join` and the streams of the other services, in domain types.
 
 use crate::client::{Client, Error};
+use crate::packed::Packed;
 use crate::{PROTOCOL, WireError, convert, v1};
 use herd_common::caps;
 use herd_common::episode::Outcome;
@@ -58,6 +59,17 @@ pub enum Report {
         first: u64,
         /// The transitions.
         batch: Batch,
+    },
+    /// The same, packed beforehand.
+    Packed {
+        /// Which episode.
+        work: Work,
+        /// Which lease of it.
+        attempt: u32,
+        /// Index within the episode of the first transition here.
+        first: u64,
+        /// The transitions.
+        piece: Packed,
     },
     /// The end of a leased episode.
     Finished {
@@ -175,7 +187,14 @@ impl Receiver {
 impl PolicyStream {
     /// The next policy, checked; `None` at the end of the stream. Safe to drop while it waits.
     pub async fn next(&mut self) -> Result<Option<Policy>, Error> {
-        self.0.message().await?.map(|policy| Ok(convert::policy_from_wire(policy)?)).transpose()
+        Ok(self.next_stamped().await?.map(|(policy, _)| policy))
+    }
+
+    /// The same with the learner's clock when it published the policy, ns since 1970.
+    pub async fn next_stamped(&mut self) -> Result<Option<(Policy, Option<u64>)>, Error> {
+        let Some(wire) = self.0.message().await? else { return Ok(None) };
+        let stamp = wire.published_unix_nanos;
+        Ok(Some((convert::policy_from_wire(wire)?, stamp)))
     }
 }
 
@@ -219,6 +238,7 @@ impl From<Report> for v1::ActorMessage {
             Report::Transitions { work, attempt, first, batch } => {
                 Up::Transitions(convert::transitions_to_wire(work, attempt, first, &batch))
             }
+            Report::Packed { work, attempt, first, piece } => Up::Transitions(piece.addressed(work, attempt, first)),
             Report::Finished { work, attempt, outcome } => {
                 Up::Finished(v1::Finished { work: Some(work.into()), attempt, outcome: Some((&outcome).into()) })
             }

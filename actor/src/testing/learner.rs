@@ -175,6 +175,6 @@ impl v1::policies_server::Policies for Learner {
     async fn get(&self, request: Request<v1::GetPolicyRequest>) -> Result<Response<v1::Policy>, Status> {
         let version = request.into_inner().version;
         self.state().1.fetched.push(version);
-        Ok(Response::new(convert::policy_to_wire(&policy(&Config::default(), version))))
+        Ok(Response::new(convert::policy_to_wire(&policy(&Config::default(), version), None)))
     }
 }

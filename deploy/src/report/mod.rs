@@ -1,7 +1,7 @@
 //! `herd report`: what a run's own records show, as figures to look at.
 
 mod records;
-mod svg;
+pub(crate) mod svg;
 
 use crate::out;
 use anyhow::Context;

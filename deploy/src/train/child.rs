@@ -48,7 +48,8 @@ impl Child {
         Ok(Self { name: name.to_owned(), words, log: run_dir.join("logs").join(format!("{name}.log")), program })
     }
 
-    fn start(&self) -> anyhow::Result<process::Child> {
+    /// Starts it, once.
+    pub(crate) fn start(&self) -> anyhow::Result<process::Child> {
         let log = || {
             OpenOptions::new()
                 .create(true)
@@ -75,7 +76,7 @@ impl Child {
     }
 
     /// The last lines of its log, for people.
-    fn last_words(&self) -> String {
+    pub(crate) fn last_words(&self) -> String {
         let text = self.log_end();
         let lines: Vec<&str> = text.lines().collect();
         lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n")
@@ -131,7 +132,8 @@ pub(crate) async fn supervise(child: Child, stop: CancellationToken) -> anyhow::
     }
 }
 
-async fn end(child: &Child, mut process: process::Child) -> anyhow::Result<End> {
+/// Asks a process of this child to stop, and insists after a while.
+pub(crate) async fn end(child: &Child, mut process: process::Child) -> anyhow::Result<End> {
     if let Some(pid) = process.id().and_then(|pid| rustix::process::Pid::from_raw(pid.cast_signed())) {
         // It may have ended by itself just now.
         let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);

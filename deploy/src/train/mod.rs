@@ -1,6 +1,6 @@
 //! `herd train`: a learner and its actors on this machine, watched over until the run is over.
 
-mod child;
+pub(crate) mod child;
 mod progress;
 mod summary;
 

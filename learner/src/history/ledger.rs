@@ -12,6 +12,7 @@
 //! that cannot.
 
 use super::commits::Commits;
+use super::holders::Holders;
 use super::lease::{Claim, Exhausted, FIRST_EVALUATION, Lease};
 use super::record::Committed;
 use super::refusal::{Reason, Refusal};
@@ -85,6 +86,7 @@ pub struct Ledger {
     entries: BTreeMap<Work, Entry>,
     /// Entries that nobody holds; the first is the next to lease.
     free: BTreeSet<Work>,
+    holders: Holders,
     /// Throughput order: finished episodes by arrival.
     arrived: VecDeque<u64>,
     /// Versions whose evaluation is not over.
@@ -104,6 +106,7 @@ impl Ledger {
             commits,
             entries: BTreeMap::new(),
             free: BTreeSet::new(),
+            holders: Holders::default(),
             arrived: VecDeque::new(),
             due: BTreeSet::new(),
             evaluated,
@@ -136,6 +139,7 @@ impl Ledger {
         let staged = Batch::new(self.rules.action_dim);
         entry.state = State::Leased(Held { actor, version, progress_at: now, staged });
         let attempt = entry.attempts;
+        self.holders.take(actor);
         self.free.remove(&work);
         while self.commits.contains(self.next) || self.entries.contains_key(&Work::Episode(self.next)) {
             self.next += 1;
@@ -188,6 +192,7 @@ impl Ledger {
         let transitions = std::mem::take(&mut held.staged);
         let finished = Finished { version: held.version, outcome, transitions };
         self.entries.entry(claim.work).or_default().state = State::Finished(finished);
+        self.holders.let_go([claim.actor]);
         if let (Work::Episode(episode), Order::Throughput) = (claim.work, self.rules.order) {
             self.arrived.push_back(episode);
         }
@@ -204,6 +209,7 @@ impl Ledger {
         if self.held(claim).is_ok() {
             self.entries.entry(claim.work).or_default().state = State::Free;
             self.free.insert(claim.work);
+            self.holders.let_go([claim.actor]);
         }
     }
 
@@ -274,6 +280,9 @@ impl Ledger {
 
     fn drop_evaluation(&mut self, version: u64) {
         self.due.remove(&version);
+        let holder = |entry: &Entry| if let State::Leased(held) = &entry.state { Some(held.actor) } else { None };
+        let entries = self.entries.range(Self::evaluation_range(version));
+        self.holders.let_go(entries.filter_map(|(_, entry)| holder(entry)));
         self.entries.retain(|work, _| !Self::evaluation_range(version).contains(work));
         self.free.retain(|work| !Self::evaluation_range(version).contains(work));
     }
@@ -304,8 +313,19 @@ impl Ledger {
 
     /// Leases that an actor holds.
     pub fn leases_of(&self, actor: u64) -> usize {
-        let held_by = |entry: &&Entry| matches!(&entry.state, State::Leased(held) if held.actor == actor);
-        self.entries.values().filter(held_by).count()
+        self.holders.of(actor)
+    }
+
+    /// True when an actor that asks now is given something.
+    pub fn has_work(&self) -> bool {
+        !self.free.is_empty() || self.new_episode().is_some()
+    }
+
+    /// True when the policy of this version is to be evaluated, so that it must be published even if others follow at
+    /// once.
+    pub fn evaluates(&self, version: u64) -> bool {
+        let Rules { evaluation_every: every, evaluation_episodes: episodes, target, .. } = self.rules;
+        every > 0 && episodes > 0 && (version.is_multiple_of(every) || version == target)
     }
 
     /// True when the policy of this version may still be named by a lease, so it must be kept.
@@ -334,7 +354,12 @@ impl Ledger {
     fn new_episode(&self) -> Option<Work> {
         let open = match self.rules.order {
             Order::Deterministic => self.next <= self.published + self.rules.lag,
-            Order::Throughput => self.in_flight() <= self.rules.lag,
+            // Commits that are not learned from yet count too, all but the one that is being learned from: else actors
+            // would run ahead of the learner by as much as fits into one sync.
+            Order::Throughput => {
+                let unlearned = (self.commits.count() - self.published).saturating_sub(1);
+                self.in_flight() + unlearned <= self.rules.lag
+            }
         };
         let caught_up = self.due.len() <= caps::EVALUATIONS_BEHIND;
         (open && caught_up && self.next < self.rules.target).then_some(Work::Episode(self.next))
@@ -386,6 +411,7 @@ impl Ledger {
                 self.free.insert(*work);
             }
         }
+        self.holders.let_go(taken.iter().map(|(actor, _)| *actor));
         taken
     }
 
@@ -401,12 +427,10 @@ impl Ledger {
 
     /// Schedules the evaluation of a version that is due and neither over nor scheduled.
     fn make_due(&mut self, version: u64) {
-        let Rules { evaluation_every: every, evaluation_episodes: episodes, target, .. } = self.rules;
-        let wanted = every > 0 && episodes > 0 && (version.is_multiple_of(every) || version == target);
-        if !wanted || self.evaluated.is_some_and(|last| version <= last) || !self.due.insert(version) {
+        if !self.evaluates(version) || self.evaluated.is_some_and(|last| version <= last) || !self.due.insert(version) {
             return;
         }
-        for index in 0..episodes {
+        for index in 0..self.rules.evaluation_episodes {
             let work = Work::Evaluation { version, index };
             self.entries.insert(work, Entry::default());
             self.free.insert(work);

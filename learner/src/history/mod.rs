@@ -14,6 +14,7 @@ pub mod refusal;
 pub mod replay;
 
 mod files;
+mod holders;
 mod segment;
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 //!
 //! hyper never closes a connection that sends nothing, and a plain accept loop spins when file descriptors run out.
 
+use super::Traffic;
 use herd_common::caps;
 use std::io;
 use std::pin::Pin;
@@ -25,11 +26,12 @@ pub(super) struct Guarded {
     io: TcpStream,
     unseen: usize,
     deadline: Pin<Box<Sleep>>,
+    traffic: Arc<Traffic>,
     _place: OwnedSemaphorePermit,
 }
 
-/// The accepted connections of `listener`.
-pub(super) fn guarded(listener: TcpListener) -> ReceiverStream<io::Result<Guarded>> {
+/// The accepted connections of `listener`, their bytes counted.
+pub(super) fn guarded(listener: TcpListener, traffic: Arc<Traffic>) -> ReceiverStream<io::Result<Guarded>> {
     let (sender, receiver) = mpsc::channel(16);
     tokio::spawn(async move {
         let places = Arc::new(Semaphore::new(caps::CONNECTIONS));
@@ -40,7 +42,8 @@ pub(super) fn guarded(listener: TcpListener) -> ReceiverStream<io::Result<Guarde
                     Ok((io, _)) => {
                         let _ = io.set_nodelay(true);
                         let deadline = Box::pin(tokio::time::sleep(caps::HANDSHAKE_TIMEOUT));
-                        let connection = Guarded { io, unseen: PREFACE_BYTES, deadline, _place: place };
+                        let traffic = traffic.clone();
+                        let connection = Guarded { io, unseen: PREFACE_BYTES, deadline, traffic, _place: place };
                         if sender.send(Ok(connection)).await.is_err() {
                             return;
                         }
@@ -56,6 +59,16 @@ pub(super) fn guarded(listener: TcpListener) -> ReceiverStream<io::Result<Guarde
     ReceiverStream::new(receiver)
 }
 
+impl Guarded {
+    /// Counts what a write took.
+    fn count(&self, written: Poll<io::Result<usize>>) -> Poll<io::Result<usize>> {
+        if let Poll::Ready(Ok(bytes)) = &written {
+            self.traffic.add_sent(*bytes);
+        }
+        written
+    }
+}
+
 impl Connected for Guarded {
     type ConnectInfo = TcpConnectInfo;
 
@@ -68,6 +81,7 @@ impl AsyncRead for Guarded {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let before = buffer.filled().len();
         let read = Pin::new(&mut self.io).poll_read(cx, buffer);
+        self.traffic.add_received(buffer.filled().len() - before);
         if self.unseen > 0 {
             self.unseen = self.unseen.saturating_sub(buffer.filled().len() - before);
             if self.unseen > 0 && self.deadline.as_mut().poll(cx).is_ready() {
@@ -80,7 +94,8 @@ impl AsyncRead for Guarded {
 
 impl AsyncWrite for Guarded {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.io).poll_write(cx, bytes)
+        let written = Pin::new(&mut self.io).poll_write(cx, bytes);
+        self.count(written)
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
@@ -96,7 +111,8 @@ impl AsyncWrite for Guarded {
         cx: &mut Context<'_>,
         slices: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.io).poll_write_vectored(cx, slices)
+        let written = Pin::new(&mut self.io).poll_write_vectored(cx, slices);
+        self.count(written)
     }
 
     fn is_write_vectored(&self) -> bool {
@@ -113,7 +129,8 @@ mod tests {
     async fn pair() -> (TcpStream, Guarded) {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("binds");
         let address = listener.local_addr().expect("bound");
-        let mut incoming = guarded(listener);
+        let traffic = Arc::new(Traffic::default());
+        let mut incoming = guarded(listener, traffic);
         let client = TcpStream::connect(address).await.expect("connects");
         let server = incoming.next().await.expect("accepts").expect("works");
         (client, server)

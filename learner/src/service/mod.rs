@@ -3,8 +3,10 @@
 //! Nothing here decides anything about the run. Streams end on the shutdown token, so that a graceful shutdown does
 //! not wait for peers that never hang up.
 
+mod broadcast;
 mod incoming;
 mod policies;
+mod traffic;
 mod training;
 mod work;
 
@@ -21,6 +23,7 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::Server;
+pub use traffic::Traffic;
 
 /// What every service needs to know.
 #[derive(Clone, Debug)]
@@ -35,6 +38,8 @@ pub struct Context {
     pub epoch: u64,
     /// Ends every stream.
     pub shutdown: CancellationToken,
+    /// Bytes over all connections.
+    pub traffic: Arc<Traffic>,
 }
 
 /// Serves until `shutdown`; health answers SERVING from the moment `ready` is cancelled.
@@ -52,20 +57,21 @@ pub async fn serve(listener: TcpListener, context: Context, ready: CancellationT
             .register_encoded_file_descriptor_set(FILE_DESCRIPTOR_SET)
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
     };
-    let shutdown = context.shutdown.clone();
+    let (shutdown, traffic) = (context.shutdown.clone(), context.traffic.clone());
     let server = Server::builder()
         .max_concurrent_streams(Some(caps::STREAMS_PER_CONNECTION))
         .http2_keepalive_interval(Some(caps::KEEPALIVE_INTERVAL))
         .http2_keepalive_timeout(Some(caps::KEEPALIVE_TIMEOUT))
+        .max_frame_size(Some(caps::FRAME_BYTES))
         .initial_stream_window_size(Some(4 << 20))
         .initial_connection_window_size(Some(16 << 20))
         .add_service(health_service)
         .add_service(reflection().build_v1()?)
         .add_service(reflection().build_v1alpha()?)
         .add_service(sized!(WorkServer::new(work::Service(context.clone()))))
-        .add_service(sized!(PoliciesServer::new(policies::Service(context.clone()))))
+        .add_service(broadcast::Shared::new(sized!(PoliciesServer::new(policies::Service(context.clone()))), &context))
         .add_service(sized!(TrainingServer::new(training::Service(context))))
-        .serve_with_incoming_shutdown(incoming::guarded(listener), shutdown.clone().cancelled_owned());
+        .serve_with_incoming_shutdown(incoming::guarded(listener, traffic), shutdown.clone().cancelled_owned());
     tokio::select! {
         served = server => Ok(served?),
         // A peer that holds its connection open must not hold the process open.

@@ -1,11 +1,10 @@
-//! `Policies`: the newest policy as a stream, or one by version.
+//! `Policies` by version; the newest as a stream is answered in `broadcast`.
 
 use super::Context;
 use crate::shelf::Shelf;
 use herd_common::caps;
 use herd_proto::v1::{self, policies_server::Policies};
 use std::sync::Arc;
-use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 
@@ -28,28 +27,9 @@ impl Service {
 impl Policies for Service {
     type WatchStream = ReceiverStream<Result<v1::Policy, Status>>;
 
-    async fn watch(&self, request: Request<v1::WatchPolicyRequest>) -> Result<Response<Self::WatchStream>, Status> {
-        let mut have = request.into_inner().have_version;
-        let Context { mut shelf, shutdown, .. } = self.0.clone();
-        // One place: a slow reader is given the newest when it has read the last, and holds nothing else back.
-        let (sender, receiver) = mpsc::channel(1);
-        tokio::spawn(async move {
-            loop {
-                let newest = shelf.borrow_and_update().newest().cloned();
-                if let Some(published) = newest.filter(|p| Some(p.wire.version) != have) {
-                    have = Some(published.wire.version);
-                    if sender.send(Ok(published.wire.clone())).await.is_err() {
-                        return;
-                    }
-                }
-                tokio::select! {
-                    changed = shelf.changed() => if changed.is_err() { return },
-                    () = sender.closed() => return,
-                    () = shutdown.cancelled() => return,
-                }
-            }
-        });
-        Ok(Response::new(ReceiverStream::new(receiver)))
+    async fn watch(&self, _: Request<v1::WatchPolicyRequest>) -> Result<Response<Self::WatchStream>, Status> {
+        // Answered before it comes here, see `broadcast`.
+        Err(Status::internal("Policies.Watch has come the wrong way"))
     }
 
     async fn get(&self, request: Request<v1::GetPolicyRequest>) -> Result<Response<v1::Policy>, Status> {

@@ -1,7 +1,8 @@
 //! `Training`: how is it going, save, stop.
 
 use super::Context;
-use crate::trainer::command::Command;
+use crate::trainer::command::{Command, Gone};
+use herd_common::status::Status as Snapshot;
 use herd_proto::v1::{self, training_server::Training};
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -16,7 +17,7 @@ impl Training for Service {
     type WatchStatusStream = ReceiverStream<Result<v1::Status, Status>>;
 
     async fn get_status(&self, _: Request<v1::GetStatusRequest>) -> Result<Response<v1::Status>, Status> {
-        Ok(Response::new(self.0.trainer.ask(Command::Status).await?.into()))
+        Ok(Response::new(snapshot(&self.0).await?.into()))
     }
 
     async fn watch_status(
@@ -32,10 +33,10 @@ impl Training for Service {
                 )));
             }
         };
-        let Context { trainer, shutdown, .. } = self.0.clone();
+        let context = self.0.clone();
         let (sender, receiver) = mpsc::channel(1);
         tokio::spawn(async move {
-            while let Ok(status) = trainer.ask(Command::Status).await {
+            while let Ok(status) = snapshot(&context).await {
                 let last = status.phase != "training";
                 if sender.send(Ok(status.into())).await.is_err() || last {
                     return;
@@ -43,7 +44,7 @@ impl Training for Service {
                 tokio::select! {
                     () = tokio::time::sleep(period) => {}
                     () = sender.closed() => return,
-                    () = shutdown.cancelled() => return,
+                    () = context.shutdown.cancelled() => return,
                 }
             }
         });
@@ -62,4 +63,10 @@ impl Training for Service {
         let episodes = self.0.trainer.ask(|reply| Command::Stop(Some(reply))).await?;
         Ok(Response::new(v1::StopResponse { episodes }))
     }
+}
+
+/// What the trainer says of itself, and what the wire knows.
+async fn snapshot(context: &Context) -> Result<Snapshot, Gone> {
+    let status = context.trainer.ask(Command::Status).await?;
+    Ok(Snapshot { traffic: context.traffic.so_far(), ..status })
 }

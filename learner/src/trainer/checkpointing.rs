@@ -23,7 +23,9 @@ use herd_common::config::Config;
 use herd_common::policy::{Policy, Provenance};
 use herd_common::seed::Seed;
 use herd_common::spaces::OBSERVATION_DIM;
+use herd_common::status::Time;
 use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::Instant;
 use tokio::sync::watch;
@@ -60,6 +62,8 @@ impl Trainer {
             ddpg.load(&ddpg::Snapshot { counters: memo.counters, records })?;
         }
         let episodes = known.commits.count();
+        let learned = Position { sequence: position.sequence, ..journal.position() };
+        let provenance = Provenance { version: 0, run: run.clone(), task_hash: config.task_hash() };
         let mut trainer = Self {
             seed: Seed::from_number(config.seed),
             ledger: Ledger::new(rules(&config), known.commits, known.evaluated),
@@ -73,11 +77,19 @@ impl Trainer {
             journal,
             ddpg,
             shelf,
+            pending: VecDeque::new(),
+            committed_at: 0.0,
+            published_at: 0.0,
             digest: None,
+            learned,
+            authors: BTreeMap::new(),
+            may_lease: true,
+            housekept_at: 0.0,
+            provenance,
             checkpointed: Checkpointed { episodes, at: None },
             seats: Seats::default(),
             meter: Meter::default(),
-            busy_secs: 0.0,
+            time: Time::default(),
             phase: "restoring",
             started: Instant::now(),
         };
@@ -103,11 +115,11 @@ impl Trainer {
             tally: self.tally.clone(),
         };
         let shelf = self.shelf.borrow().clone();
-        let episodes = self.ledger.commits().count();
+        let episodes = self.version();
         let checkpoint = Checkpoint {
-            run: self.config.run_name(),
+            run: self.provenance.run.clone(),
             commits: episodes,
-            journal: self.journal.position(),
+            journal: self.learned,
             state: memo,
             tensors: snapshot.records.into_iter().map(tensor).collect(),
             policies: shelf.iter().map(|policy| (policy.provenance.version, policy.layers().to_vec())).collect(),
@@ -128,11 +140,10 @@ impl Trainer {
 
     /// Puts the policies that leases may name back on the shelf.
     fn fill_shelf(&mut self, checkpoint: Option<Checkpoint<Memo>>) -> Result<(), Error> {
-        let (run, task_hash) = (self.config.run_name(), self.config.task_hash());
         let mut shelf = Shelf::default();
         for (version, layers) in checkpoint.map(|found| found.policies).unwrap_or_default() {
-            let provenance = Provenance { version, run: run.clone(), task_hash: task_hash.clone() };
-            shelf.put(Policy::new(provenance, layers).map_err(crate::export::Error::from)?);
+            let provenance = Provenance { version, ..self.provenance.clone() };
+            shelf.put(Policy::new(provenance, layers).map_err(crate::export::Error::from)?, super::unix_nanos());
         }
         self.shelf.send_replace(Arc::new(shelf));
         self.publish()
@@ -144,20 +155,24 @@ impl Trainer {
         if records > 0 {
             tracing::info!(records, "living through what the journal holds beyond the checkpoint");
         }
+        let end = self.journal.position();
         for record in self.journal.replay_from(since)? {
+            let sequence = self.learned.sequence + 1;
+            let behind = Position { epoch: end.epoch, sequence };
             match record? {
                 Record::Episode(committed) => {
                     self.ledger.recommit(committed.episode);
-                    self.begin_digest(&committed);
+                    self.begin_digest(&committed, behind);
                     self.finish_digest()?;
                 }
                 Record::Evaluation { version, outcomes } => {
                     self.ledger.reevaluate(version);
-                    self.conclude_evaluation(version, &outcomes)?;
+                    self.conclude_evaluation(version, &outcomes, behind)?;
                 }
             }
         }
-        Ok(())
+        // Of those that were skipped on the way the last may be the newest.
+        if records > 0 { self.publish() } else { Ok(()) }
     }
 }
 

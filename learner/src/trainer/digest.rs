@@ -2,11 +2,13 @@
 
 use super::{Error, Trainer};
 use crate::ddpg::Update;
-use crate::history::record::Committed;
+use crate::history::journal::Position;
+use crate::history::record::{Committed, Record};
 use crate::metrics::{EpisodeLine, LossFields, OutcomeFields};
 use crate::{export, shelf::Shelf};
 use herd_common::config::ddpg;
-use herd_common::policy::{Policy, Provenance};
+use herd_common::config::run::Order;
+use herd_common::policy::Provenance;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -15,6 +17,8 @@ pub(super) struct Digest {
     line: EpisodeLine,
     /// Updates of the whole run after which it is digested.
     until: u64,
+    /// The point of the journal behind the commit.
+    behind: Position,
     critic: Mean,
     actor: Mean,
     value: Mean,
@@ -37,6 +41,9 @@ impl Mean {
     }
 }
 
+/// In throughput order, versions that follow each other faster than this are not all published.
+const PUBLISH_SECS: f64 = 0.05;
+
 /// Updates that a run has earned once this many transitions are committed.
 pub(super) fn updates_earned(config: &ddpg::Config, transitions: u64) -> u64 {
     (transitions.saturating_sub(config.warmup_transitions) as f64 * config.updates_per_transition).floor() as u64
@@ -44,7 +51,7 @@ pub(super) fn updates_earned(config: &ddpg::Config, transitions: u64) -> u64 {
 
 impl Trainer {
     /// Takes a commit in; learning from it follows turn by turn.
-    pub(super) fn begin_digest(&mut self, committed: &Committed) {
+    pub(super) fn begin_digest(&mut self, committed: &Committed, behind: Position) {
         let outcome = &committed.outcome;
         let staleness = self.version().saturating_sub(committed.version);
         self.replay.push(&committed.transitions);
@@ -61,8 +68,14 @@ impl Trainer {
             updates: until,
             losses: LossFields::default(),
         };
-        self.digest =
-            Some(Digest { line, until, critic: Mean::default(), actor: Mean::default(), value: Mean::default() });
+        self.digest = Some(Digest {
+            line,
+            until,
+            behind,
+            critic: Mean::default(),
+            actor: Mean::default(),
+            value: Mean::default(),
+        });
     }
 
     /// One update, or, when all are done, the publication of what was learned.
@@ -79,15 +92,19 @@ impl Trainer {
             mean_value: digest.value.get(),
         };
         self.metrics.write(&line)?;
-        self.publish()?;
-        let commits = self.ledger.commits().count();
+        self.learned = digest.behind;
+        let commits = self.version();
+        if !self.may_skip(commits) {
+            self.publish()?;
+        }
         if commits >= self.checkpointed.episodes + self.config.history.checkpoint_episodes && !self.restoring() {
             self.save_checkpoint()?;
         }
         Ok(())
     }
 
-    /// Digests what is begun, so that the state is that of a whole number of commits.
+    /// Digests what is begun, so that the state is that of a whole number of commits. Those that wait stay in the
+    /// journal.
     pub(super) fn finish_digest(&mut self) -> Result<(), Error> {
         while self.digest.is_some() {
             self.digest_more()?;
@@ -97,31 +114,48 @@ impl Trainer {
 
     /// Version of the newest policy: commits digested.
     pub(super) fn version(&self) -> u64 {
-        self.ledger.commits().count() - u64::from(self.digest.is_some())
+        self.ledger.commits().count() - self.waiting().count() as u64 - u64::from(self.digest.is_some())
+    }
+
+    /// Commits that are not begun.
+    fn waiting(&self) -> impl Iterator<Item = &Committed> {
+        self.pending.iter().filter_map(|(record, _)| match record {
+            Record::Episode(committed) => Some(committed),
+            Record::Evaluation { .. } => None,
+        })
+    }
+
+    /// Transitions of all commits.
+    pub(super) fn transitions(&self) -> u64 {
+        self.tally.transitions + self.waiting().map(|committed| committed.transitions.len() as u64).sum::<u64>()
+    }
+
+    /// True when this version need not be published: leases name the newest, and the next follows at once.
+    fn may_skip(&self, version: u64) -> bool {
+        let soon = self.now() - self.published_at < PUBLISH_SECS && self.waiting().next().is_some();
+        let follows = self.restoring() || soon;
+        follows && self.config.schedule.order == Order::Throughput && !self.ledger.evaluates(version)
     }
 
     /// Puts the policy as it is now on the shelf and says so to the ledger.
     pub(super) fn publish(&mut self) -> Result<(), Error> {
         let version = self.version();
-        let policy = self.policy(version)?;
+        let policy = export::policy(&self.ddpg, Provenance { version, ..self.provenance.clone() })?;
         let mut shelf = Shelf::clone(&self.shelf.borrow());
-        shelf.put(policy);
+        shelf.put(policy, super::unix_nanos());
         self.ledger.published(version);
+        self.published_at = self.now();
+        self.may_lease = true;
         shelf.keep(|version| self.ledger.wants(version));
         self.shelf.send_replace(Arc::new(shelf));
         Ok(())
-    }
-
-    fn policy(&self, version: u64) -> Result<Policy, Error> {
-        let provenance = Provenance { version, run: self.config.run_name(), task_hash: self.config.task_hash() };
-        Ok(export::policy(&self.ddpg, provenance)?)
     }
 
     #[expect(clippy::disallowed_methods, reason = "how long updates take is shown to people and decides nothing")]
     fn update(&mut self) -> Result<(), Error> {
         let begun = Instant::now();
         let update = self.ddpg.update(&self.replay)?;
-        self.busy_secs += begun.elapsed().as_secs_f64();
+        self.time.updates_secs += begun.elapsed().as_secs_f64();
         self.note_losses(&update);
         Ok(())
     }

@@ -3,6 +3,9 @@
 //! ```text
 //! commands ─► ledger ─► journal ─► replay ─► ddpg ─► shelf ─► leases
 //! ```
+//! Episodes that may be committed at the same time share one sync of the journal and are acknowledged together; they
+//! are learned from one by one, in order, so it makes no difference to the run how many there were.
+//!
 //! A turn does one small thing (an update, a commit, a publication), then looks at the commands again, so that neither
 //! learning nor the network starves the other. What a turn does depends on the ledger alone, never on the clock, so
 //! in deterministic order the weights are a function of seed and configuration.
@@ -17,10 +20,10 @@ mod tally;
 use crate::ddpg::{self, Ddpg};
 use crate::history::checkpoint;
 use crate::history::epoch::{self, Epoch};
-use crate::history::journal::{self, Journal};
+use crate::history::journal::{self, Journal, Position};
 use crate::history::lease::{Claim, Exhausted};
 use crate::history::ledger::Ledger;
-use crate::history::record::Record;
+use crate::history::record::{Committed, Record};
 use crate::history::refusal::Refusal;
 use crate::metrics::{EvaluationLine, Lines};
 use crate::replay::Replay;
@@ -31,9 +34,13 @@ use command::{Command, Notice};
 use digest::Digest;
 use herd_common::caps;
 use herd_common::config::{Config, run::Durability};
+use herd_common::episode::Outcome;
+use herd_common::policy::Provenance;
 use herd_common::seed::Seed;
+use herd_common::status::Time;
 use herd_common::work::{Order, Work};
 use seats::Seats;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tally::{Meter, Tally};
@@ -91,12 +98,24 @@ pub struct Trainer {
     metrics: Lines,
     evaluations: Lines,
     shelf: watch::Sender<Arc<Shelf>>,
+    /// What the journal has and was not learned from yet, with the point of the journal behind each.
+    pending: VecDeque<(Record, Position)>,
+    committed_at: f64,
+    published_at: f64,
     /// The commit that is being learned from.
     digest: Option<Digest>,
+    /// The point of the journal behind everything that was learned from.
+    learned: Position,
+    /// Who finished which episode, until its commit is acknowledged.
+    authors: BTreeMap<u64, u64>,
+    /// Something happened after which there may be leases to give.
+    may_lease: bool,
+    housekept_at: f64,
+    provenance: Provenance,
     checkpointed: Checkpointed,
     seats: Seats,
     meter: Meter,
-    busy_secs: f64,
+    time: Time,
     phase: &'static str,
     started: Instant,
 }
@@ -117,6 +136,11 @@ enum Turn {
 
 /// Longest wait for a command when there is nothing else to do.
 const IDLE_WAIT: Duration = Duration::from_millis(100);
+/// Time after which episodes are committed though earlier ones are still to be learned from: nobody waits much longer
+/// for an acknowledgement, and syncs take little of the time for learning.
+const COMMIT_SECS: f64 = 0.05;
+/// Time between two looks at who is silent and what has expired.
+const HOUSEKEEPING_SECS: f64 = 0.05;
 /// After completion the learner answers this long, so that everybody hears of it.
 const FAREWELL_SECS: (f64, f64) = (1.5, 5.0);
 
@@ -133,7 +157,10 @@ impl Trainer {
                 Turn::Complete => return self.bid_farewell(&mut inbox, runtime),
                 Turn::Idle => {
                     let wait = async { tokio::time::timeout(IDLE_WAIT, inbox.recv()).await };
-                    if let Ok(Some(command)) = runtime.block_on(wait)
+                    let begun = self.now();
+                    let waited = runtime.block_on(wait);
+                    self.time.idle_secs += self.now() - begun;
+                    if let Ok(Some(command)) = waited
                         && self.handle(command)?
                     {
                         return Ok(Ended::Stopped);
@@ -146,40 +173,71 @@ impl Trainer {
 
     /// One small step of the run.
     fn turn(&mut self) -> Result<Turn, Error> {
+        if self.pending.is_empty() || self.now() - self.committed_at > COMMIT_SECS {
+            self.commit_all()?;
+        }
         if self.digest.is_some() {
             self.digest_more()?;
-        } else if let Some((version, outcomes)) = self.ledger.next_evaluation() {
-            self.keep(&Record::Evaluation { version, outcomes: outcomes.clone() })?;
-            self.conclude_evaluation(version, &outcomes)?;
-        } else if let Some(committed) = self.ledger.next_commit() {
-            let episode = committed.episode;
-            let record = Record::Episode(committed);
-            self.keep(&record)?;
-            self.seats.tell_all(&Notice::Committed(episode));
-            let Record::Episode(committed) = record else { unreachable!("built above") };
-            self.begin_digest(&committed);
-        } else if self.ledger.is_complete() {
-            return Ok(Turn::Complete);
+        } else if let Some((record, behind)) = self.pending.pop_front() {
+            match record {
+                Record::Episode(committed) => self.begin_digest(&committed, behind),
+                Record::Evaluation { version, outcomes } => self.conclude_evaluation(version, &outcomes, behind)?,
+            }
         } else {
-            return Ok(Turn::Idle);
+            return Ok(if self.ledger.is_complete() { Turn::Complete } else { Turn::Idle });
         }
         Ok(Turn::Worked)
     }
 
-    /// Puts a record into the journal; on return it is as durable as the configuration asks.
-    fn keep(&mut self, record: &Record) -> Result<(), Error> {
+    /// Commits what is over and whose turn it is with one sync, then acknowledges each episode.
+    fn commit_all(&mut self) -> Result<(), Error> {
+        let known = self.pending.len();
+        while let Some((version, outcomes)) = self.ledger.next_evaluation() {
+            self.append(Record::Evaluation { version, outcomes })?;
+        }
+        while self.pending.len() < caps::COMMITS_PER_SYNC {
+            let Some(committed) = self.ledger.next_commit() else { break };
+            self.append(Record::Episode(committed))?;
+        }
+        if self.pending.len() == known {
+            return Ok(());
+        }
+        self.keep()?;
+        for (record, _) in self.pending.iter().skip(known) {
+            if let Record::Episode(Committed { episode, .. }) = record
+                && let Some(actor) = self.authors.remove(episode)
+            {
+                // One that left or does not read loses nothing but the news.
+                self.seats.tell(actor, Notice::Committed(*episode));
+            }
+        }
+        self.committed_at = self.now();
+        self.may_lease = true;
+        Ok(())
+    }
+
+    fn append(&mut self, record: Record) -> Result<(), Error> {
+        self.journal.append(&record)?;
+        self.pending.push_back((record, self.journal.position()));
+        Ok(())
+    }
+
+    /// Makes what was appended to the journal as durable as the configuration asks.
+    fn keep(&mut self) -> Result<(), Error> {
         if !self.epoch.is_current()? {
             return Err(Error::Fenced(self.epoch.number()));
         }
-        self.journal.append(record)?;
+        let begun = self.now();
         match self.config.history.durability {
             Durability::Disk => self.journal.sync()?,
             Durability::Memory => self.journal.flush()?,
         }
+        self.time.sync_secs += self.now() - begun;
         Ok(())
     }
 
-    fn conclude_evaluation(&mut self, version: u64, outcomes: &[herd_common::episode::Outcome]) -> Result<(), Error> {
+    fn conclude_evaluation(&mut self, version: u64, outcomes: &[Outcome], behind: Position) -> Result<(), Error> {
+        self.learned = behind;
         self.tally.evaluate(outcomes);
         Ok(self.evaluations.write(&EvaluationLine::new(version, outcomes))?)
     }
@@ -199,6 +257,7 @@ impl Trainer {
 
     fn handle(&mut self, command: Command) -> Result<bool, Error> {
         let now = self.now();
+        self.may_lease |= !matches!(command, Command::Transitions { .. } | Command::Heartbeat { .. });
         match command {
             Command::Join { newcomer, outbox, reply } => {
                 tracing::info!(host = newcomer.host, pid = newcomer.pid, robots = newcomer.robots, "actor joined");
@@ -219,6 +278,9 @@ impl Trainer {
                 self.seats.finished(actor, &outcome);
                 let claim = Claim { actor, work, attempt };
                 let finished = self.ledger.finish(&claim, outcome);
+                if let (Ok(()), Work::Episode(episode)) = (&finished, work) {
+                    self.authors.insert(episode, actor);
+                }
                 self.answer(claim, finished);
             }
             Command::Reject { actor, work, attempt, reason } => {
@@ -262,6 +324,7 @@ impl Trainer {
     /// Tells an actor that something was not taken, and gives the episode to somebody else if it held the lease.
     fn refuse(&mut self, claim: Claim, reason: String) {
         self.ledger.surrender(&claim);
+        self.may_lease = true;
         self.tell(claim.actor, Notice::Refused { work: claim.work, attempt: claim.attempt, reason });
     }
 
@@ -273,6 +336,7 @@ impl Trainer {
 
     fn leave(&mut self, actor: u64) {
         let freed = self.ledger.release(actor);
+        self.may_lease = true;
         self.seats.leave(actor);
         tracing::info!(actor, episodes = freed.len(), "actor left, its episodes are free again");
     }
@@ -281,6 +345,9 @@ impl Trainer {
 
     /// Gives every free robot the most urgent work.
     fn offer_leases(&mut self) -> Result<(), Error> {
+        if !std::mem::take(&mut self.may_lease) || !self.ledger.has_work() {
+            return Ok(());
+        }
         let now = self.now();
         for (actor, robots) in self.seats.robots() {
             while self.ledger.leases_of(actor) < robots as usize {
@@ -305,12 +372,17 @@ impl Trainer {
 
     fn keep_house(&mut self) {
         let now = self.now();
+        if now - self.housekept_at < HOUSEKEEPING_SECS {
+            return;
+        }
+        self.housekept_at = now;
         for actor in self.seats.silent(now) {
             tracing::warn!(actor, "actor is silent");
             self.leave(actor);
         }
         for (actor, work) in self.ledger.expire(now) {
             tracing::warn!(actor, %work, "no progress, leased to another");
+            self.may_lease = true;
             let reason = "no progress in time, the lease was taken back".to_owned();
             self.tell(actor, Notice::Refused { work, attempt: 0, reason });
         }
@@ -346,4 +418,11 @@ impl Trainer {
     fn now(&self) -> f64 {
         self.started.elapsed().as_secs_f64()
     }
+}
+
+/// The system's clock, ns since 1970: to measure how long a policy is on its way.
+#[expect(clippy::disallowed_methods, reason = "it decides nothing and enters no file")]
+fn unix_nanos() -> u64 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    since.map_or(0, |since| since.as_nanos() as u64)
 }

@@ -3,7 +3,7 @@
 use super::Trainer;
 use super::tally::Sample;
 use herd_common::config::run::{Durability, Order};
-use herd_common::status::{History, Losses, Rates, Replay, Status};
+use herd_common::status::{History, Losses, Rates, Replay, Status, Traffic};
 
 /// Share of time in updates above which learning is the bottleneck.
 const BUSY_SHARE: f64 = 0.85;
@@ -15,7 +15,7 @@ impl Trainer {
         let (rates, busy) = self.meter.rates();
         let episodes = self.ledger.commits().count();
         Status {
-            run: self.config.run_name(),
+            run: self.provenance.run.clone(),
             epoch: self.epoch.number(),
             phase: self.phase.to_owned(),
             schedule: match self.config.schedule.order {
@@ -30,7 +30,7 @@ impl Trainer {
             .to_owned(),
             episodes,
             episodes_target: self.config.episodes,
-            transitions: self.tally.transitions,
+            transitions: self.transitions(),
             updates: self.ddpg.updates(),
             policy_version: self.version(),
             uptime_secs: now,
@@ -52,6 +52,8 @@ impl Trainer {
             endings: self.tally.endings(),
             actors: self.seats.rows(now, |actor| self.ledger.leases_of(actor)),
             bottleneck: self.bottleneck(busy),
+            time: self.time,
+            traffic: Traffic::default(),
         }
     }
 
@@ -59,9 +61,9 @@ impl Trainer {
         self.meter.sample(Sample {
             at: now,
             episodes: self.ledger.commits().count(),
-            transitions: self.tally.transitions,
+            transitions: self.transitions(),
             updates: self.ddpg.updates(),
-            busy_secs: self.busy_secs,
+            busy_secs: self.time.updates_secs,
         });
     }
 

@@ -7,7 +7,7 @@ use bytes::Bytes;
 compile_error!("columns travel little-endian and are copied as they are");
 
 /// The bytes of a column.
-pub(super) fn to_bytes(numbers: &[f32]) -> Bytes {
+pub(crate) fn to_bytes(numbers: &[f32]) -> Bytes {
     Bytes::copy_from_slice(bytemuck::cast_slice(numbers))
 }
 
@@ -17,5 +17,6 @@ pub(super) fn from_bytes(field: &'static str, bytes: &[u8], expected: usize) -> 
         let expected = format!("{} ({expected} numbers)", expected * size_of::<f32>());
         return Err(WireError::invalid(field, format!("{} bytes", bytes.len()), expected));
     }
-    Ok(bytemuck::pod_collect_to_vec(bytes))
+    // Not `pod_collect_to_vec`, which writes every number twice.
+    Ok(bytes.as_chunks().0.iter().map(|four| f32::from_le_bytes(*four)).collect())
 }

@@ -5,8 +5,8 @@ use crate::{WireError, v1};
 use herd_common::caps;
 use herd_common::policy::{Layer, Policy, Provenance};
 
-/// A policy, ready to send.
-pub fn policy_to_wire(policy: &Policy) -> v1::Policy {
+/// A policy, ready to send; `published_unix_nanos` is for measuring only.
+pub fn policy_to_wire(policy: &Policy, published_unix_nanos: Option<u64>) -> v1::Policy {
     let layers = policy.layers().iter().map(|layer| v1::Layer {
         inputs: layer.inputs as u32,
         outputs: layer.outputs as u32,
@@ -18,6 +18,7 @@ pub fn policy_to_wire(policy: &Policy) -> v1::Policy {
         run: policy.provenance.run.clone(),
         task_hash: policy.provenance.task_hash.clone(),
         layers: layers.collect(),
+        published_unix_nanos,
     }
 }
 
@@ -48,7 +49,7 @@ mod tests {
         let layer = Layer { inputs: 3, outputs: 2, weights: vec![0.5; 6], biases: vec![1.0, -1.0] };
         let provenance = Provenance { version: 4, run: "r".into(), task_hash: "t".into() };
         let policy = Policy::new(provenance, vec![layer]).expect("valid");
-        let mut wire = policy_to_wire(&policy);
+        let mut wire = policy_to_wire(&policy, Some(7));
         assert_eq!(policy_from_wire(wire.clone()).expect("valid"), policy);
         wire.layers[0].weights = to_bytes(&[0.5, 0.5, f32::INFINITY, 0.5, 0.5, 0.5]);
         assert!(policy_from_wire(wire.clone()).expect_err("refused").to_string().contains("weights[2] is inf"));

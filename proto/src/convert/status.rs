@@ -25,6 +25,8 @@ mirror!(Returns { mean, last, best, evaluation, seconds, fall_rate });
 mirror!(Replay { len, capacity, staleness });
 mirror!(Losses { critic, actor, value, skipped });
 mirror!(History { journal_bytes, episodes_since_checkpoint, checkpoint_age_secs });
+mirror!(Time { updates_secs, sync_secs, idle_secs });
+mirror!(Traffic { received_bytes, sent_bytes });
 mirror!(Qp { solves, failures, p50_micros, p99_micros });
 
 impl From<domain::Status> for v1::Status {
@@ -49,6 +51,8 @@ impl From<domain::Status> for v1::Status {
             losses: Some(status.losses.into()),
             history: Some(status.history.into()),
             qp: Some(status.qp.into()),
+            time: Some(status.time.into()),
+            traffic: Some(status.traffic.into()),
             endings: status.endings.into_iter().map(|(ending, count)| v1::EndingCount { ending, count }).collect(),
             actors: status.actors.into_iter().map(Into::into).collect(),
         }
@@ -77,6 +81,8 @@ impl From<v1::Status> for domain::Status {
             losses: status.losses.unwrap_or_default().into(),
             history: status.history.unwrap_or_default().into(),
             qp: status.qp.unwrap_or_default().into(),
+            time: status.time.unwrap_or_default().into(),
+            traffic: status.traffic.unwrap_or_default().into(),
             endings: status.endings.into_iter().map(|v1::EndingCount { ending, count }| (ending, count)).collect(),
             actors: status.actors.into_iter().map(Into::into).collect(),
         }

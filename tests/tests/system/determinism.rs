@@ -97,3 +97,19 @@ fn memory_durability_gives_the_same_bits() {
     run.train(2).wait(LONG).expect(0, &[]);
     assert_eq!(run.fingerprint(), *undisturbed());
 }
+
+#[test]
+fn in_throughput_order_a_killed_learner_counts_every_episode_once() {
+    let run = Run::new(EPISODES).with("schedule.order=throughput");
+    let train = run.train(3);
+    for commits in [5, 13] {
+        run.wait_for_commits(commits);
+        run.wait_for(1, "learner")[0].kill();
+        run.assert_midway();
+        run.wait_for(1, "learner");
+    }
+    train.wait(LONG).expect(0, &[]);
+    let mut episodes = run.episodes();
+    episodes.sort_unstable();
+    assert_eq!(episodes, (0..EPISODES).collect::<Vec<_>>());
+}

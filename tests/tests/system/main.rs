@@ -5,6 +5,7 @@ mod determinism;
 mod disk;
 mod hosts;
 mod python;
+mod scale;
 mod services;
 mod stopping;
 mod train;

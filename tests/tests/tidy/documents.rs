@@ -6,7 +6,7 @@ use crate::text;
 fn the_readme_knows_every_subcommand() {
     let readme = text("README.md");
     for subcommand in
-        ["train", "learner", "actor", "status", "eval", "config", "checkpoint", "stop", "wait-ready", "report"]
+        ["train", "learner", "actor", "status", "eval", "config", "checkpoint", "stop", "wait-ready", "report", "scale"]
     {
         assert!(readme.contains(&format!("herd {subcommand}")), "README.md is silent on herd {subcommand}");
     }

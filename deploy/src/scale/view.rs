@@ -1,0 +1,88 @@
+//! Scaling figures as a table, and as a plot.
+
+use super::figures::Figures;
+use super::meter::Latency;
+use crate::report::svg::{Plot, Series, Style};
+use crate::table::{bytes, columns, count};
+
+/// The table of all points, then the bottleneck of each.
+pub(crate) fn table(points: &[Figures]) -> String {
+    let head = [
+        "actors",
+        "transitions/s",
+        "updates/s",
+        "episodes/s",
+        "in/s",
+        "out/s",
+        "stale",
+        "learner cores",
+        "actor cores",
+        "commit p50/p99",
+        "broadcast p50/p99",
+    ];
+    let head = head.map(str::to_owned).to_vec();
+    let mut text = columns(&std::iter::once(head).chain(points.iter().map(row)).collect::<Vec<_>>());
+    text.push('\n');
+    points.iter().fold(text, |text, f| text + &format!("{} actors: {}\n", f.setting.actors, f.bottleneck))
+}
+
+fn row(f: &Figures) -> Vec<String> {
+    let whole = |x: f64| count(x.round() as u64);
+    vec![
+        f.setting.actors.to_string(),
+        whole(f.transitions_per_sec),
+        format!("{:.1}", f.updates_per_sec),
+        format!("{:.1}", f.episodes_per_sec),
+        bytes(f.received_bytes_per_sec as u64),
+        bytes(f.sent_bytes_per_sec as u64),
+        format!("{:.1}", f.staleness),
+        format!("{:.2}", f.signs.learner_cores),
+        format!("{:.2}", f.signs.actors_cores),
+        latency(f.commit),
+        latency(f.broadcast),
+    ]
+}
+
+fn latency(latency: Option<Latency>) -> String {
+    latency.map_or("–".to_owned(), |l| format!("{:.1} / {:.1} ms", l.p50_ms, l.p99_ms))
+}
+
+/// Transitions and updates per second over the number of actors.
+pub(crate) fn plot(points: &[Figures]) -> String {
+    let line = |of: fn(&Figures) -> f64| points.iter().map(|f| (f64::from(f.setting.actors), of(f))).collect();
+    let series = |name: &str, style, points| Series { name: name.to_owned(), style, points };
+    let mut drawn = vec![
+        series("transitions per second", Style::Line, line(|f| f.transitions_per_sec)),
+        series("", Style::Dots, line(|f| f.transitions_per_sec)),
+    ];
+    if points.iter().any(|f| f.updates_per_sec > 0.0) {
+        drawn.push(series("updates per second", Style::Faint, line(|f| f.updates_per_sec)));
+    }
+    let plot = Plot {
+        title: "Scaling: what one learner takes in".into(),
+        x_label: "actors".into(),
+        y_label: "per second".into(),
+        series: drawn,
+    };
+    plot.to_svg()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::figures::{Setting, Sight};
+    use super::*;
+
+    #[test]
+    fn every_point_has_a_row_a_bottleneck_and_a_mark() {
+        let point = |actors| {
+            let setting = Setting { actors, robots: 1, cores: 2, allowed: 17, ..Setting::default() };
+            let mut to = Sight { at: 1.0, ..Sight::default() };
+            (to.status.transitions, to.status.time.idle_secs) = (u64::from(actors) * 1500, 1.0);
+            Figures::between(setting, &Sight::default(), &to)
+        };
+        let points = [point(1), point(2)];
+        let text = table(&points);
+        assert!(text.contains("3,000") && text.contains("2 actors: actors: the time that episodes take"), "{text}");
+        assert_eq!(plot(&points).matches("<circle").count(), 2 + 1, "two marks and one in the legend");
+    }
+}
