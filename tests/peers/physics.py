@@ -5,9 +5,9 @@ import quadruped
 
 WORK = "tick of 2 ms"
 PEERS = [
-    ("MuJoCo, physics alone", "mujoco", "alone"),
+    ("MuJoCo, its own joint control", "mujoco", "alone"),
     ("MuJoCo, PD in numpy", "mujoco", "pd"),
-    ("PyBullet, physics alone", "pybullet", "alone"),
+    ("PyBullet, its own joint motors", "pybullet", "alone"),
     ("PyBullet, PD in numpy", "pybullet", "pd"),
 ]
 
