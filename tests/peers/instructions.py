@@ -18,7 +18,7 @@ import bench
 
 BASELINE = bench.HERE / "instructions.json"
 TOLERANCE = 0.03
-# Name: package, bench, which benchmark of it, the function (as callgrind writes it) that is counted, its calls.
+# Name: package, bench, which benchmark of it, the function counted (as callgrind writes it), its share of one run.
 PATHS = {
     "control tick": ("herd-actor", "control_tick", "control_tick/swing of 75 ticks", "herd_actor::env::*Env*::step", 75),
     "MPC, trot": ("herd-actor", "mpc", "mpc/trot/active_set", "herd_actor::mpc::*Mpc*::solve", 1),
