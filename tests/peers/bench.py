@@ -17,6 +17,8 @@ ROOT = HERE.parent.parent
 # One thread for every one of them; set before any of them is imported.
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
+    # Where there are two after all: threads that wait must not take the core from those that work.
+    "OMP_WAIT_POLICY": "passive",
     "MKL_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "RAYON_NUM_THREADS": "1",

@@ -20,7 +20,7 @@ BASELINE = bench.HERE / "instructions.json"
 TOLERANCE = 0.03
 # Name: package, bench, which benchmark of it, the function counted (as callgrind writes it), its share of one run.
 PATHS = {
-    "control tick": ("herd-actor", "control_tick", "control_tick/swing of 75 ticks", "herd_actor::env::*Env*::step", 75),
+    "control tick": ("herd-actor", "control_tick", "control_tick/swing of 75 ticks", "herd_actor::*Env*::step", 75),
     "MPC, trot": ("herd-actor", "mpc", "mpc/trot/active_set", "herd_actor::mpc::*Mpc*::solve", 1),
     "MPC, four feet": ("herd-actor", "mpc", "mpc/four_feet/active_set", "herd_actor::mpc::*Mpc*::solve", 1),
     "policy, forward": ("herd-actor", "decision", "policy", "herd_common::policy::*Policy*::act", 1),
