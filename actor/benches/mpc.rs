@@ -1,9 +1,11 @@
-//! Does one solve fit its period? Building and solving a horizon of ten steps, in a trot and on four feet.
+//! Does one solve fit its period? Building and solving a horizon of ten steps, in a trot, on four feet, and under an
+//! erratic policy with pushes.
 //!
 //! States and feet vary from iteration to iteration, as they do on the robot; both solvers see the same ones.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use herd_actor::mpc::{Body, Mpc, State, Step};
+use herd_actor::trial;
 use herd_common::config::{Config, control};
 use herd_common::seed::Seed;
 use nalgebra::{Matrix3, Vector3};
@@ -47,16 +49,24 @@ fn trot(step: usize) -> [bool; 4] {
     if step < 5 { [true, false, false, true] } else { [false, true, true, false] }
 }
 
+/// What the controller asks under an erratic policy with pushes.
+fn asked() -> Vec<(State, Vec<Step>)> {
+    let config = Config::default();
+    let policy = trial::erratic_policy(&config, Seed::from_number(1));
+    let questions = trial::questions(&config, &policy, 10 * SCENES as usize, 3);
+    questions.into_iter().map(|question| (question.state, question.horizon)).collect()
+}
+
 fn bench(criterion: &mut Criterion) {
     let body = Body { mass_kg: 13.6, inertia: Matrix3::from_diagonal(&Vector3::new(0.040, 0.082, 0.088)) };
-    let stances: [(_, Stance); 2] = [("trot", trot), ("four_feet", |_| [true; 4])];
+    let drawn = |stance: Stance| (0..SCENES).map(|seed| scene(seed, stance)).collect::<Vec<_>>();
+    let kinds = [("trot", drawn(trot)), ("four_feet", drawn(|_| [true; 4])), ("pushed_policy", asked())];
     let solvers = [("active_set", control::Solver::ActiveSet), ("clarabel", control::Solver::Clarabel)];
-    for (stance_name, stance) in stances {
-        let scenes: Vec<_> = (0..SCENES).map(|seed| scene(seed, stance)).collect();
+    for (kind, scenes) in kinds {
         for (solver_name, solver) in solvers {
             let mut mpc = Mpc::new(&control::Mpc { solver, ..Config::default().control.mpc }, body);
             let mut next = scenes.iter().cycle();
-            criterion.bench_function(&format!("mpc/{stance_name}/{solver_name}"), |bencher| {
+            criterion.bench_function(&format!("mpc/{kind}/{solver_name}"), |bencher| {
                 bencher.iter(|| {
                     let (state, horizon) = next.next().expect("a cycle does not end");
                     black_box(mpc.solve(black_box(state), black_box(horizon)))

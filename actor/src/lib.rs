@@ -19,6 +19,8 @@ pub mod explore;
 
 pub mod rollout;
 
+pub mod trial;
+
 mod backoff;
 mod meter;
 mod policies;

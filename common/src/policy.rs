@@ -1,8 +1,9 @@
 //! The policy as plain data, with its own `f32` forward pass.
 //!
-//! Layers are fully connected; hidden ones end in ReLU, the last in tanh, so an action lies in [−1, 1]ⁿ. The dot
-//! products run in a fixed order (sixteen partial sums by index, then a fixed tree), so the same policy gives
-//! the same bits on every machine of one CPU family. On disk it is one safetensors file whose metadata names the task.
+//! Layers are fully connected; hidden ones end in ReLU, the last in tanh, so an action lies in [−1, 1]ⁿ. Every output is
+//! summed in the order of its inputs, beginning with the bias and leaving out zeros; outputs lie side by side in vector
+//! registers. So the same policy gives the same bits whatever the width of the registers. On disk it is one safetensors
+//! file whose metadata names the task.
 
 use crate::caps;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
@@ -39,6 +40,8 @@ pub struct Policy {
     /// Where it comes from.
     pub provenance: Provenance,
     layers: Vec<Layer>,
+    /// W of each layer column by column: the outputs that an input goes to are neighbours.
+    columns: Vec<Vec<f32>>,
 }
 
 /// Why something is not a policy.
@@ -95,7 +98,8 @@ impl Policy {
         for (i, layer) in layers.iter().enumerate() {
             check_layer(i, layer, i.checked_sub(1).map(|before| layers[before].outputs))?;
         }
-        Ok(Self { provenance, layers })
+        let columns = layers.iter().map(Layer::columns).collect();
+        Ok(Self { provenance, layers, columns })
     }
 
     /// The layers, input first.
@@ -118,8 +122,8 @@ impl Policy {
         assert_eq!(observation.len(), self.observation_dim());
         let last = self.layers.len() - 1;
         let mut x = observation.to_vec();
-        for (i, layer) in self.layers.iter().enumerate() {
-            x = layer.forward(&x);
+        for (i, (layer, columns)) in self.layers.iter().zip(&self.columns).enumerate() {
+            x = forward(columns, &layer.biases, &x);
             for y in &mut x {
                 *y = if i < last { y.max(0.0) } else { y.tanh() };
             }
@@ -183,30 +187,33 @@ impl Policy {
 }
 
 impl Layer {
-    fn forward(&self, x: &[f32]) -> Vec<f32> {
-        self.weights.chunks_exact(self.inputs).zip(&self.biases).map(|(row, bias)| bias + dot(row, x)).collect()
+    fn columns(&self) -> Vec<f32> {
+        let column = |i: usize| self.weights.iter().skip(i).step_by(self.inputs).copied();
+        (0..self.inputs).flat_map(column).collect()
     }
 }
 
-/// Σ aᵢ bᵢ in an order fixed by index, wide enough for the compiler to use vector registers.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    const LANES: usize = 16;
-    let mut sums = [0.0_f32; LANES];
-    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let tail = a_chunks.remainder().iter().zip(b_chunks.remainder()).fold(0.0, |sum, (x, y)| sum + x * y);
-    for (x, y) in a_chunks.zip(b_chunks) {
-        for lane in 0..LANES {
-            sums[lane] += x[lane] * y[lane];
-        }
+/// W x + b with W column by column. After a ReLU about half of x is zero, and its columns are not touched.
+fn forward(columns: &[f32], biases: &[f32], x: &[f32]) -> Vec<f32> {
+    let mut y = biases.to_vec();
+    let column = |i: usize| &columns[i * biases.len()..][..biases.len()];
+    let live: Vec<usize> = (0..x.len()).filter(|&i| x[i] != 0.0).collect();
+    let (fours, rest) = live.as_chunks::<4>();
+    for four in fours {
+        add_four(&mut y, four.map(column), four.map(|i| x[i]));
     }
-    let mut width = LANES / 2;
-    while width > 0 {
-        for lane in 0..width {
-            sums[lane] += sums[lane + width];
-        }
-        width /= 2;
+    for &i in rest {
+        y.iter_mut().zip(column(i)).for_each(|(y, w)| *y += w * x[i]);
     }
-    sums[0] + tail
+    y
+}
+
+/// Four inputs at a time, so that y is read and written once for them.
+fn add_four(y: &mut [f32], columns: [&[f32]; 4], x: [f32; 4]) {
+    let [a, b, c, d] = columns.map(|column| &column[..y.len()]);
+    for i in 0..y.len() {
+        y[i] = y[i] + a[i] * x[0] + b[i] * x[1] + c[i] * x[2] + d[i] * x[3];
+    }
 }
 
 fn check_layer(i: usize, layer: &Layer, inputs: Option<usize>) -> Result<(), Error> {
@@ -260,11 +267,16 @@ mod tests {
     }
 
     #[test]
-    fn dot_sums_every_element_once() {
-        for n in [0, 1, 15, 16, 17, 56, 100] {
-            let a: Vec<f32> = (0..n).map(|i| i as f32).collect();
-            let b = vec![1.0; n];
-            assert_eq!(dot(&a, &b), (0..n).sum::<usize>() as f32, "{n}");
+    fn every_output_is_summed_in_the_order_of_its_inputs() {
+        for (inputs, outputs) in [(1, 1), (3, 5), (4, 16), (57, 33)] {
+            let weights: Vec<f32> = (0..inputs * outputs).map(|i| (i as f32 * 0.7).sin()).collect();
+            let biases: Vec<f32> = (0..outputs).map(|o| o as f32 * 0.1).collect();
+            let x: Vec<f32> = (0..inputs).map(|i| if i % 3 == 1 { 0.0 } else { (i as f32).cos() }).collect();
+            let layer = Layer { inputs, outputs, weights, biases };
+            let expected: Vec<f32> = (0..outputs)
+                .map(|o| (0..inputs).fold(layer.biases[o], |sum, i| sum + layer.weights[o * inputs + i] * x[i]))
+                .collect();
+            assert_eq!(forward(&layer.columns(), &layer.biases, &x), expected, "{inputs} to {outputs}");
         }
     }
 

@@ -4,7 +4,8 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use herd_common::seed::Seed;
 use herd_common::spaces::{GAIT_ACTION_DIM, OBSERVATION_DIM};
 use herd_common::transition::Batch;
-use herd_learner::replay::{Minibatch, Replay};
+use herd_learner::ddpg::{Batch as Minibatch, Dims};
+use herd_learner::replay::Replay;
 
 const TRANSITIONS: usize = 200_000;
 
@@ -23,12 +24,16 @@ fn sample(criterion: &mut Criterion) {
         replay.push(&batch);
     }
     let mut rng = Seed::from_number(1).rng();
-    let mut minibatch = Minibatch::default();
+    let dims = Dims { observation: OBSERVATION_DIM, action: GAIT_ACTION_DIM };
     let mut group = criterion.benchmark_group("replay");
     for size in [64, 256] {
         group.throughput(Throughput::Elements(size as u64));
+        let minibatch = Minibatch::new(size, dims).expect("tensors");
         group.bench_function(format!("sample/{size}"), |bencher| {
-            bencher.iter(|| replay.sample_into(size, &mut rng, &mut minibatch));
+            bencher.iter(|| {
+                let rows: Vec<_> = replay.draw(size, &mut rng).collect();
+                minibatch.fill(&rows, 1.0).expect("a minibatch");
+            });
         });
     }
     group.throughput(Throughput::Elements(n as u64));

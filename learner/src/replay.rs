@@ -29,21 +29,19 @@ pub struct Replay {
     blocks: Vec<Box<[f32]>>,
 }
 
-/// A minibatch as columns; its buffers are reused from one draw to the next.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Minibatch {
-    /// Transitions, n.
-    pub len: usize,
-    /// `[n, observation_dim]`
-    pub observations: Vec<f32>,
-    /// `[n, action_dim]`
-    pub actions: Vec<f32>,
-    /// `[n]`, as they were pushed
-    pub rewards: Vec<f32>,
-    /// `[n]`
-    pub discounts: Vec<f32>,
-    /// `[n, observation_dim]`
-    pub next_observations: Vec<f32>,
+/// One transition, where it stands in the memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row<'a> {
+    /// `[observation_dim]`
+    pub observation: &'a [f32],
+    /// `[action_dim]`
+    pub action: &'a [f32],
+    /// As it was pushed.
+    pub reward: f32,
+    /// 0 after a true ending.
+    pub discount: f32,
+    /// `[observation_dim]`
+    pub next_observation: &'a [f32],
 }
 
 impl Replay {
@@ -99,32 +97,21 @@ impl Replay {
         }
     }
 
-    /// Draws `batch_size` transitions uniformly, with replacement; empty if the memory is.
-    pub fn sample_into(&self, batch_size: usize, rng: &mut impl Rng, into: &mut Minibatch) {
-        into.clear();
-        if self.is_empty() {
-            return;
-        }
-        for _ in 0..batch_size {
-            let age_rank = rng.random_range(0..self.len as u64) as usize;
-            self.copy_into(age_rank, into);
-        }
+    /// Draws `n` transitions uniformly, with replacement; none if the memory is empty. Nothing is copied.
+    pub fn draw<'a>(&'a self, n: usize, rng: &mut impl Rng) -> impl ExactSizeIterator<Item = Row<'a>> {
+        let n = if self.is_empty() { 0 } else { n };
+        (0..n).map(|_| self.row(rng.random_range(0..self.len as u64) as usize))
     }
 
-    /// Appends the transition that `age_rank` others are older than.
-    fn copy_into(&self, age_rank: usize, into: &mut Minibatch) {
+    /// The transition that `age_rank` others are older than.
+    fn row(&self, age_rank: usize) -> Row<'_> {
         let slot = (self.oldest + age_rank) % self.capacity;
         let width = self.row_width();
         let row = &self.blocks[slot / BLOCK_ROWS][slot % BLOCK_ROWS * width..][..width];
         let (observation, row) = row.split_at(self.observation_dim);
         let (next_observation, row) = row.split_at(self.observation_dim);
         let (action, row) = row.split_at(self.action_dim);
-        into.len += 1;
-        into.observations.extend_from_slice(observation);
-        into.next_observations.extend_from_slice(next_observation);
-        into.actions.extend_from_slice(action);
-        into.rewards.push(row[0]);
-        into.discounts.push(row[1]);
+        Row { observation, action, reward: row[0], discount: row[1], next_observation }
     }
 
     /// Makes room for one more transition, at the cost of the oldest if need be.
@@ -150,17 +137,6 @@ impl Replay {
     }
 }
 
-impl Minibatch {
-    fn clear(&mut self) {
-        self.len = 0;
-        for column in [&mut self.observations, &mut self.actions, &mut self.next_observations] {
-            column.clear();
-        }
-        self.rewards.clear();
-        self.discounts.clear();
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -181,10 +157,8 @@ mod tests {
         }
     }
 
-    fn draw(replay: &Replay, n: usize, seed: u64) -> Minibatch {
-        let mut batch = Minibatch::default();
-        replay.sample_into(n, &mut Seed::from_number(seed).rng(), &mut batch);
-        batch
+    fn draw(replay: &Replay, n: usize, seed: u64) -> Vec<Row<'_>> {
+        replay.draw(n, &mut Seed::from_number(seed).rng()).collect()
     }
 
     proptest! {
@@ -201,16 +175,17 @@ mod tests {
                 pushed += n;
             }
             prop_assert_eq!(replay.len(), pushed.min(capacity));
-            let batch = draw(&replay, 50, seed);
-            prop_assert_eq!(batch.len, if pushed == 0 { 0 } else { 50 });
-            for (i, id) in batch.observations.iter().step_by(3).enumerate() {
-                prop_assert!((pushed - replay.len()..pushed).contains(&(*id as usize)), "{} of {}", id, pushed);
-                let row = numbered(*id as usize, 1);
-                prop_assert_eq!(&batch.observations[i * 3..i * 3 + 3], &row.observations[..]);
-                prop_assert_eq!(&batch.actions[i * 2..i * 2 + 2], &row.actions[..]);
-                prop_assert_eq!(batch.rewards[i], row.rewards[0]);
-                prop_assert_eq!(batch.discounts[i], row.discounts[0]);
-                prop_assert_eq!(&batch.next_observations[i * 3..i * 3 + 3], &row.next_observations[..]);
+            let rows = draw(&replay, 50, seed);
+            prop_assert_eq!(rows.len(), if pushed == 0 { 0 } else { 50 });
+            for row in rows {
+                let id = row.observation[0] as usize;
+                prop_assert!((pushed - replay.len()..pushed).contains(&id), "{} of {}", id, pushed);
+                let expected = numbered(id, 1);
+                prop_assert_eq!(row.observation, &expected.observations[..]);
+                prop_assert_eq!(row.action, &expected.actions[..]);
+                prop_assert_eq!(row.reward, expected.rewards[0]);
+                prop_assert_eq!(row.discount, expected.discounts[0]);
+                prop_assert_eq!(row.next_observation, &expected.next_observations[..]);
             }
         }
 
@@ -229,8 +204,8 @@ mod tests {
         let mut replay = Replay::new(50, 3, 2);
         replay.push(&numbered(0, 120));
         let mut counts = [0_u32; 50];
-        for id in draw(&replay, 100_000, 1).observations.iter().step_by(3) {
-            counts[*id as usize - 70] += 1;
+        for row in draw(&replay, 100_000, 1) {
+            counts[row.observation[0] as usize - 70] += 1;
         }
         // χ² with 49 degrees of freedom exceeds 94 once in 10 000 fair draws.
         let chi2: f64 = counts.iter().map(|n| (f64::from(*n) - 2000.0).powi(2) / 2000.0).sum();

@@ -19,6 +19,9 @@ use nalgebra::{Vector2, Vector3};
 /// Nanoseconds since any fixed moment; only differences count, and only for telemetry.
 pub type Timer = fn() -> u64;
 
+/// Sees every question that the controller puts to its MPC.
+pub type Watcher = Box<dyn FnMut(&mpc::State, &[mpc::Step]) + Send>;
+
 /// Drives one robot.
 pub struct Controller {
     config: control::Config,
@@ -36,6 +39,7 @@ pub struct Controller {
     ticks_to_solve: u32,
     counts: Counts,
     timer: Option<Timer>,
+    watcher: Option<Watcher>,
     latency: Latency,
 }
 
@@ -58,6 +62,7 @@ impl Controller {
             ticks_to_solve: 0,
             counts: Counts::default(),
             timer: None,
+            watcher: None,
             latency: Latency::default(),
             config: config.control.clone(),
             tick_secs,
@@ -67,6 +72,11 @@ impl Controller {
     /// Measures the solver with this timer from now on.
     pub fn set_timer(&mut self, timer: Timer) {
         self.timer = Some(timer);
+    }
+
+    /// Shows this watcher every solve from now on.
+    pub fn set_watcher(&mut self, watcher: Watcher) {
+        self.watcher = Some(watcher);
     }
 
     /// How long the solver took, since the controller was made.
@@ -165,6 +175,9 @@ impl Controller {
             height: self.height,
         };
         let (state, horizon) = (outlook.state(), outlook.horizon(&self.config.mpc));
+        if let Some(watcher) = &mut self.watcher {
+            watcher(&state, &horizon);
+        }
         let begin = self.timer.map(|timer| timer());
         let solution = self.mpc.solve(&state, &horizon);
         if let (Some(timer), Some(begin)) = (self.timer, begin) {

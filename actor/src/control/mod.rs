@@ -10,6 +10,6 @@ mod leg;
 mod reference;
 mod stance;
 
-pub use controller::{Controller, Timer};
+pub use controller::{Controller, Timer, Watcher};
 pub use latency::Latency;
 pub use leg::Body;

@@ -8,7 +8,7 @@ use super::observation::{Observation, Sense, observe};
 use super::reward::Payer;
 use super::summary::{Figures, Summary};
 use super::{ending, settle};
-use crate::control::{Body, Controller, Latency, Timer};
+use crate::control::{Body, Controller, Latency, Timer, Watcher};
 use crate::gait::Pair;
 use crate::robot::{GRAVITY, Model};
 use crate::sim::{Contacts, RobotState, World};
@@ -77,6 +77,12 @@ impl Env {
     /// The same, with the solver's times measured by this timer (ns since any fixed moment).
     pub fn with_timer(mut self, timer: Timer) -> Self {
         self.controller.set_timer(timer);
+        self
+    }
+
+    /// The same, with every question to the MPC shown to this watcher.
+    pub fn with_watcher(mut self, watcher: Watcher) -> Self {
+        self.controller.set_watcher(watcher);
         self
     }
 
@@ -210,7 +216,7 @@ impl Env {
         if self.ending == Some(Ending::Diverged) {
             return;
         }
-        self.summary.tick(&self.state, &self.torques, self.config.sim.tick_secs);
+        self.summary.tick(&self.state, &self.contacts, &self.torques, self.config.sim.tick_secs);
         if self.payer.is_due(self.ticks) {
             self.summary.sample(&self.state, self.payer.sample(&self.state, &self.torques));
         }

@@ -1,6 +1,6 @@
 //! The figures of an episode as it goes: return by terms, distance, variances, work.
 
-use crate::sim::RobotState;
+use crate::sim::{Contacts, RobotState};
 use herd_common::episode::{Counts, Ending, Outcome, Reward};
 use nalgebra::Vector3;
 
@@ -16,6 +16,8 @@ pub struct Figures {
     pub speed_error: f64,
     /// `Σ max(τ q̇ + 0.3 τ², 0) dt / (m g d)`: work of the motors, none recovered, per weight and distance.
     pub cost_of_transport: f64,
+    /// Mean vertical force of the ground on all feet, per weight.
+    pub load: f64,
 }
 
 /// Mean and variance of a stream of numbers (Welford).
@@ -36,6 +38,7 @@ pub(super) struct Summary {
     roll: Spread,
     pitch: Spread,
     speed: Spread,
+    load: Spread,
     work_j: f64,
 }
 
@@ -62,9 +65,10 @@ impl Summary {
         self.reward
     }
 
-    pub(super) fn tick(&mut self, state: &RobotState, torques: &[Vector3<f64>; 4], secs: f64) {
+    pub(super) fn tick(&mut self, state: &RobotState, contacts: &Contacts, torques: &[Vector3<f64>; 4], secs: f64) {
         self.end_x = state.position.x;
         self.speed.add(state.velocity.x);
+        self.load.add(contacts.normal.iter().sum());
         let joints = torques.iter().flatten().zip(state.joint_speeds.iter().flatten());
         let power: f64 = joints.map(|(torque, speed)| (torque * speed + HEAT * torque * torque).max(0.0)).sum();
         self.work_j += power * secs;
@@ -77,6 +81,7 @@ impl Summary {
             mean_speed: self.speed.mean,
             speed_error: (self.speed.variance() + (self.speed.mean - wanted).powi(2)).sqrt(),
             cost_of_transport: self.work_j / (weight * distance),
+            load: self.load.mean / weight,
         }
     }
 

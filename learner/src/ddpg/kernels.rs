@@ -3,7 +3,7 @@
 //! Each element's result depends on that element alone, and no multiplication is fused with an addition, so the width of
 //! the registers does not show in the bits.
 
-use candle_core::{CpuStorage, InplaceOp2, Layout, Result, Tensor, bail};
+use candle_core::{CpuStorage, InplaceOp1, InplaceOp2, Layout, Result, Tensor, bail};
 
 /// What follows a layer's sum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,6 +60,26 @@ impl InplaceOp2 for Slope {
     }
 }
 
+/// `s ← Σ rows of d`, first row first; d is `[rows, n]`, s is `[n]`.
+pub(super) struct SumRows;
+
+impl InplaceOp2 for SumRows {
+    fn name(&self) -> &'static str {
+        "sum-rows"
+    }
+
+    fn cpu_fwd(&self, s: &mut CpuStorage, s_at: &Layout, d: &CpuStorage, d_at: &Layout) -> Result<()> {
+        let (s, d) = (slice_mut(s, s_at)?, slice(d, d_at)?);
+        pulp::Arch::new().dispatch(|| {
+            s.fill(0.0);
+            for row in d.chunks_exact(s.len()) {
+                s.iter_mut().zip(row).for_each(|(s, d)| *s += d);
+            }
+        });
+        Ok(())
+    }
+}
+
 /// max(0, y) that lets NaN through, so that a poisoned weight cannot hide behind it.
 #[inline]
 fn relu(y: f32) -> f32 {
@@ -82,6 +102,24 @@ pub(super) fn sum_of_squares(x: &Tensor) -> Result<f32> {
     });
     let tail: f32 = x.chunks_exact(LANES).remainder().iter().map(|x| x * x).sum();
     Ok(sums.iter().sum::<f32>() + tail)
+}
+
+/// Lets `f` write the numbers of a contiguous f32 tensor.
+pub(super) fn write(tensor: &Tensor, f: impl Fn(&mut [f32])) -> Result<()> {
+    tensor.inplace_op1(&Write(f))
+}
+
+struct Write<F>(F);
+
+impl<F: Fn(&mut [f32])> InplaceOp1 for Write<F> {
+    fn name(&self) -> &'static str {
+        "write"
+    }
+
+    fn cpu_fwd(&self, storage: &mut CpuStorage, layout: &Layout) -> Result<()> {
+        (self.0)(slice_mut(storage, layout)?);
+        Ok(())
+    }
 }
 
 /// The numbers of a contiguous f32 tensor.
@@ -148,6 +186,13 @@ mod tests {
             d.inplace_op2(&y, &Slope(activation)).unwrap();
             assert_eq!(numbers(&d), expected, "{activation:?}");
         }
+    }
+
+    #[test]
+    fn sums_of_rows() {
+        let s = Tensor::full(f32::NAN, 2, &Device::Cpu).unwrap();
+        s.inplace_op2(&tensor(&[1.0, 2.0, 3.0, 4.0, -5.0, 0.5], (3, 2)), &SumRows).unwrap();
+        assert_eq!(numbers(&s), [-1.0, 6.5]);
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //! Bits: everything runs on the calling thread in a fixed order, and update k draws from `seed.child("update", k)`, so a
 //! learner's future is a function of its snapshot and of the replay memory.
 
+mod batch;
 mod error;
 mod kernels;
 mod losses;
@@ -18,6 +19,7 @@ mod snapshot;
 mod tests;
 mod update;
 
+pub use batch::Batch;
 pub use error::Error;
 pub use snapshot::{Counters, Record, Snapshot};
 pub use update::{Ddpg, Dims, Update};

@@ -10,9 +10,9 @@
 //! Hidden layers are ReLU. W stands input-major, so that the forward pass, of which there are most, need not turn it
 //! over. No graph is recorded: `deltas`, `gradients` and `input_gradient` are the backward pass.
 
-use super::kernels::{Activation, AddBias, Slope, slice_mut};
+use super::kernels::{Activation, AddBias, Slope, SumRows, write};
 use super::product::product;
-use candle_core::{CpuStorage, DType, Device, InplaceOp1, Layout, Result, Tensor};
+use candle_core::{DType, Device, Result, Tensor};
 use herd_common::seed::Seed;
 use rand::{Rng, RngExt};
 
@@ -93,13 +93,38 @@ pub(super) struct Network {
     gradient: Vec<Layer>,
 }
 
-/// What a forward pass leaves for the backward pass.
+/// What one batch makes of a network on its way forth and back. The tensors are written again and again.
 #[derive(Debug)]
 pub(super) struct Pass {
-    /// Input of every layer.
-    inputs: Vec<Tensor>,
-    /// Output of the last.
-    pub(super) output: Tensor,
+    /// y of every layer.
+    outputs: Vec<Tensor>,
+    /// δ of every layer.
+    deltas: Vec<Tensor>,
+}
+
+impl Pass {
+    /// Room for `rows` rows of a network of these widths (input first).
+    fn new(widths: &[usize], rows: usize) -> Result<Self> {
+        let fresh = |width: &usize| Tensor::zeros((rows, *width), DType::F32, &Device::Cpu);
+        let tensors = || widths[1..].iter().map(fresh).collect::<Result<Vec<_>>>();
+        Ok(Self { outputs: tensors()?, deltas: tensors()? })
+    }
+
+    /// The first `rows` rows of it.
+    pub(super) fn first(&self, rows: usize) -> Result<Self> {
+        let views = |tensors: &[Tensor]| tensors.iter().map(|tensor| tensor.narrow(0, 0, rows)).collect::<Result<_>>();
+        Ok(Self { outputs: views(&self.outputs)?, deltas: views(&self.deltas)? })
+    }
+
+    /// y of the last layer: what the network answers.
+    pub(super) fn output(&self) -> &Tensor {
+        self.outputs.last().expect("a network has a layer")
+    }
+
+    /// Where the loss's gradient in the output is to be written before `Network::deltas`.
+    pub(super) fn output_gradient(&self) -> &Tensor {
+        self.deltas.last().expect("a network has a layer")
+    }
 }
 
 impl Network {
@@ -145,80 +170,67 @@ impl Network {
     }
 
     /// Replaces the first rows by `numbers`; the rest of the arena becomes 0.
-    pub(super) fn overwrite(&self, mut numbers: Vec<f32>) -> Result<()> {
-        numbers.resize(Row::COUNT * self.parameters(), 0.0);
-        self.arena.inplace_op1(&Overwrite(numbers))
+    pub(super) fn overwrite(&self, numbers: &[f32]) -> Result<()> {
+        write(&self.arena, |arena| {
+            let (first, rest) = arena.split_at_mut(numbers.len());
+            first.copy_from_slice(numbers);
+            rest.fill(0.0);
+        })
     }
 
-    /// Carries `x` `[batch, inputs]` through the network of this row.
-    pub(super) fn forward(&self, row: Row, x: &Tensor) -> Result<Pass> {
+    /// Room for passes of up to `rows` rows.
+    pub(super) fn pass(&self, rows: usize) -> Result<Pass> {
+        let input = self.spans[0].shape[0];
+        let outputs = self.spans.iter().skip(1).step_by(2).map(Span::len);
+        Pass::new(&std::iter::once(input).chain(outputs).collect::<Vec<_>>(), rows)
+    }
+
+    /// Carries `x` `[rows of the pass, inputs]` through the network of this row.
+    pub(super) fn forward(&self, row: Row, x: &Tensor, pass: &Pass) -> Result<()> {
         let layers = if row == Row::Target { &self.target } else { &self.online };
-        let mut inputs = Vec::with_capacity(layers.len());
-        let mut x = x.clone();
-        for layer in layers {
-            let y = fresh(x.dim(0)?, layer.weight.dim(1)?)?;
-            product(&y, &x, &layer.weight)?;
+        let mut x = x;
+        for (layer, y) in layers.iter().zip(&pass.outputs) {
+            product(y, x, &layer.weight)?;
             y.inplace_op2(&layer.bias, &AddBias(layer.activation))?;
-            inputs.push(std::mem::replace(&mut x, y));
+            x = y;
         }
-        Ok(Pass { inputs, output: x })
+        Ok(())
     }
 
-    /// δ of every layer, from the loss's gradient in the online output; `output_gradient` is overwritten.
-    pub(super) fn deltas(&self, pass: &Pass, output_gradient: Tensor) -> Result<Vec<Tensor>> {
-        let mut delta = output_gradient;
-        let mut deltas = Vec::with_capacity(self.online.len());
+    /// δ of every layer of the online network, from the loss's gradient that stands in `pass.output_gradient()`.
+    pub(super) fn deltas(&self, pass: &Pass) -> Result<()> {
         for (i, layer) in self.online.iter().enumerate().rev() {
-            let output = pass.inputs.get(i + 1).unwrap_or(&pass.output);
-            delta.inplace_op2(output, &Slope(layer.activation))?;
+            pass.deltas[i].inplace_op2(&pass.outputs[i], &Slope(layer.activation))?;
             if i > 0 {
-                let below = fresh(delta.dim(0)?, layer.weight.dim(0)?)?;
-                product(&below, &delta, &layer.weight.t()?)?;
-                deltas.push(std::mem::replace(&mut delta, below));
+                product(&pass.deltas[i - 1], &pass.deltas[i], &layer.weight.t()?)?;
             }
         }
-        deltas.push(delta);
-        deltas.reverse();
-        Ok(deltas)
+        Ok(())
     }
 
-    /// Writes the gradient of every weight and bias into its row, from the first `rows` of the batch.
-    pub(super) fn gradients(&self, pass: &Pass, deltas: &[Tensor], rows: usize) -> Result<()> {
-        let ones = Tensor::ones((1, rows), DType::F32, &Device::Cpu)?;
-        for ((input, delta), gradient) in pass.inputs.iter().zip(deltas).zip(&self.gradient) {
+    /// Writes the gradient of every weight and bias into its row, from the first `rows` of a pass that began with `x`.
+    pub(super) fn gradients(&self, x: &Tensor, pass: &Pass, rows: usize) -> Result<()> {
+        let inputs = std::iter::once(x).chain(&pass.outputs);
+        for ((input, delta), gradient) in inputs.zip(&pass.deltas).zip(&self.gradient) {
             let delta = delta.narrow(0, 0, rows)?;
             product(&gradient.weight, &input.narrow(0, 0, rows)?.t()?, &delta)?;
-            product(&gradient.bias.unsqueeze(0)?, &ones, &delta)?;
+            gradient.bias.inplace_op2(&delta, &SumRows)?;
         }
         Ok(())
     }
 
-    /// ∂loss/∂input for the rows from `first_row` on and the columns from `first_column` on.
-    pub(super) fn input_gradient(&self, deltas: &[Tensor], first_row: usize, first_column: usize) -> Result<Tensor> {
-        let (delta, weight) = (&deltas[0], &self.online[0].weight);
-        let (rows, columns) = (delta.dim(0)? - first_row, weight.dim(0)? - first_column);
-        let gradient = fresh(rows, columns)?;
-        let weight = weight.narrow(0, first_column, columns)?;
-        product(&gradient, &delta.narrow(0, first_row, rows)?, &weight.t()?)?;
-        Ok(gradient)
+    /// ∂loss/∂x for the rows of the pass from `first_row` on and the columns from `first_column` on, into `gradient`.
+    pub(super) fn input_gradient(
+        &self,
+        pass: &Pass,
+        first_row: usize,
+        first_column: usize,
+        gradient: &Tensor,
+    ) -> Result<()> {
+        let (delta, weight) = (&pass.deltas[0], &self.online[0].weight);
+        let weight = weight.narrow(0, first_column, weight.dim(0)? - first_column)?;
+        product(gradient, &delta.narrow(0, first_row, delta.dim(0)? - first_row)?, &weight.t()?)
     }
-}
-
-struct Overwrite(Vec<f32>);
-
-impl InplaceOp1 for Overwrite {
-    fn name(&self) -> &'static str {
-        "overwrite"
-    }
-
-    fn cpu_fwd(&self, storage: &mut CpuStorage, layout: &Layout) -> Result<()> {
-        slice_mut(storage, layout)?.copy_from_slice(&self.0);
-        Ok(())
-    }
-}
-
-fn fresh(rows: usize, columns: usize) -> Result<Tensor> {
-    Tensor::zeros((rows, columns), DType::F32, &Device::Cpu)
 }
 
 fn parameters(spans: &[Span]) -> usize {
@@ -317,18 +329,26 @@ pub(super) mod tests {
         let y = recorded_forward(&vars, &x, activation);
         let store = (y.clone() * &factor).unwrap().sum_all().unwrap().backward().unwrap();
 
-        let pass = network.forward(Row::Online, x.as_tensor()).unwrap();
-        assert_close("output", &pass.output, &y);
-        let deltas = network.deltas(&pass, factor.copy().unwrap()).unwrap();
-        network.gradients(&pass, &deltas, batch).unwrap();
+        // Rows left over from a larger batch must not show.
+        let pass = network.pass(batch + 3).unwrap().first(batch).unwrap();
+        network.forward(Row::Online, x.as_tensor(), &pass).unwrap();
+        assert_close("output", pass.output(), &y);
+        pass.output_gradient().slice_set(&factor, 0, 0).unwrap();
+        network.deltas(&pass).unwrap();
+        network.gradients(x.as_tensor(), &pass, batch).unwrap();
         let gradients = tensors(&network, Row::Gradient);
         for ((span, gradient), var) in network.spans().iter().zip(&gradients).zip(&vars) {
             assert_close(&span.name, gradient, store.get(var).unwrap());
         }
         let input = store.get(&x).unwrap();
-        assert_close("input", &network.input_gradient(&deltas, 0, 0).unwrap(), input);
+        let input_gradient = |row, column| {
+            let found = Tensor::zeros((batch - row, inputs - column), DType::F32, &Device::Cpu).unwrap();
+            network.input_gradient(&pass, row, column, &found).unwrap();
+            found
+        };
+        assert_close("input", &input_gradient(0, 0), input);
         let corner = input.narrow(0, batch / 2, batch - batch / 2).unwrap().narrow(1, 1, inputs - 1).unwrap();
-        assert_close("corner", &network.input_gradient(&deltas, batch / 2, 1).unwrap(), &corner);
+        assert_close("corner", &input_gradient(batch / 2, 1), &corner);
     }
 
     #[test]
@@ -347,10 +367,11 @@ pub(super) mod tests {
         let (top, both) = (random((3, 4), 1), random((3, 4), 2));
         let both = Tensor::cat(&[&top, &both], 0).unwrap();
         let gradients = |x: &Tensor| {
-            let pass = network.forward(Row::Online, x).unwrap();
-            let ones = Tensor::ones((x.dim(0).unwrap(), 1), DType::F32, &Device::Cpu).unwrap();
-            let deltas = network.deltas(&pass, ones).unwrap();
-            network.gradients(&pass, &deltas, 3).unwrap();
+            let pass = network.pass(x.dim(0).unwrap()).unwrap();
+            network.forward(Row::Online, x, &pass).unwrap();
+            super::super::kernels::write(pass.output_gradient(), |gradient| gradient.fill(1.0)).unwrap();
+            network.deltas(&pass).unwrap();
+            network.gradients(x, &pass, 3).unwrap();
             tensors(&network, Row::Gradient)
         };
         for (found, expected) in gradients(&both).iter().zip(&gradients(&top)) {

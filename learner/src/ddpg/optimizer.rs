@@ -139,7 +139,7 @@ mod tests {
         let numbers = random((1, n), seed).flatten_all().unwrap().affine(size, 0.0).unwrap();
         let keep = network.arena().narrow(0, 0, Row::Gradient as usize * n).unwrap();
         let all = Tensor::cat(&[&keep, &numbers], 0).unwrap().to_vec1().unwrap();
-        network.overwrite(all).unwrap();
+        network.overwrite(&all).unwrap();
         numbers.to_vec1::<f32>().unwrap().into_iter().map(f64::from).collect()
     }
 

@@ -9,13 +9,16 @@
 //! candle's own product asks the operating system for the number of processors each time and fills fresh memory; on
 //! networks of this size the two cost as much as the arithmetic. Here every number of C is one chain of fused
 //! multiply-adds in the order of k, on the calling thread: the bits depend neither on the width of the registers nor on
-//! the size of the caches.
+//! the size of the caches. Both factors are copied into the order in which they are read, strips of B no deeper than fit
+//! the nearest cache; a tile of C stays in registers while a strip lasts.
 
 #![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
 
 use super::kernels::slice_mut;
 use candle_core::{CpuStorage, InplaceOp3, Layout, Result, Tensor, bail};
 use pulp::{Simd, WithSimd};
+use std::cell::RefCell;
+use std::ops::Range;
 
 /// `c ← a · b`.
 pub(super) fn product(c: &Tensor, a: &Tensor, b: &Tensor) -> Result<()> {
@@ -44,16 +47,20 @@ impl InplaceOp3 for Product {
             bail!("product of {:?} and {:?} into {:?}", a_at.shape(), b_at.shape(), c_at.shape());
         }
         let c = slice_mut(c, c_at)?;
-        let transposed;
-        let b = if b.column_stride == 1 {
-            b
-        } else {
-            transposed = b.row_major();
-            Matrix { numbers: &transposed, row_stride: n, column_stride: 1, ..b }
-        };
-        pulp::Arch::new().dispatch(Multiply { c, a, b });
+        SCRATCH.with_borrow_mut(|scratch| pulp::Arch::new().dispatch(Multiply { c, a, b, scratch }));
         Ok(())
     }
+}
+
+/// Copies of both factors in the order in which they are read; nothing in it outlives a product.
+#[derive(Default)]
+struct Scratch {
+    panels: Vec<f32>,
+    strip: Vec<f32>,
+}
+
+thread_local! {
+    static SCRATCH: RefCell<Scratch> = RefCell::default();
 }
 
 /// A strided view of numbers.
@@ -74,53 +81,68 @@ impl<'a> Matrix<'a> {
         Ok(Self { numbers: &numbers[layout.start_offset()..], rows, columns, row_stride, column_stride })
     }
 
-    /// A copy with adjacent columns, made in blocks whose lines of cache are used whole on both sides.
-    fn row_major(&self) -> Vec<f32> {
-        let mut copy = vec![0.0; self.rows * self.columns];
-        for (i, rows) in copy.chunks_mut(BLOCK * self.columns).enumerate() {
-            for first in (0..self.columns).step_by(BLOCK) {
-                let block = self.block(i * BLOCK, first);
-                for (r, row) in rows.chunks_mut(self.columns).enumerate() {
-                    row[first..].iter_mut().zip(&block).for_each(|(x, column)| *x = column[r]);
+    /// Copies rows `rows` of the columns from `column` on into `strip`, row by row, with zeros beyond the last column.
+    #[inline(always)]
+    fn copy_strip<const W: usize>(&self, rows: Range<usize>, column: usize, strip: &mut [[f32; W]]) {
+        let width = W.min(self.columns - column);
+        if self.column_stride == 1 {
+            for (k, row) in rows.zip(strip) {
+                let numbers = &self.numbers[k * self.row_stride + column..];
+                if width == W {
+                    *row = *numbers.first_chunk().expect("a whole row of the strip");
+                } else {
+                    row[..width].copy_from_slice(&numbers[..width]);
+                    row[width..].fill(0.0);
                 }
             }
+            return;
         }
-        copy
+        for (i, strip) in strip.chunks_mut(BLOCK).enumerate() {
+            self.turn_block(rows.start + i * BLOCK, column, width, strip);
+        }
     }
 
-    /// The block that starts at (`row`, `column`), column by column, zero beyond the edges.
-    fn block(&self, row: usize, column: usize) -> [[f32; BLOCK]; BLOCK] {
-        let mut block = [[0.0_f32; BLOCK]; BLOCK];
-        let rows = BLOCK.min(self.rows - row);
-        for (c, numbers) in block[..BLOCK.min(self.columns - column)].iter_mut().enumerate() {
-            let from = &self.numbers[row * self.row_stride + (column + c) * self.column_stride..];
-            if self.row_stride == 1 && rows == BLOCK {
-                numbers.copy_from_slice(&from[..BLOCK]);
-            } else {
-                numbers[..rows].iter_mut().zip(from.iter().step_by(self.row_stride)).for_each(|(x, y)| *x = *y);
+    /// The rows of one block: read along the columns, which lie adjacent here, so that each line of cache is fetched once.
+    #[inline(always)]
+    fn turn_block<const W: usize>(&self, row: usize, column: usize, width: usize, strip: &mut [[f32; W]]) {
+        let column_at = |c: usize| &self.numbers[row * self.row_stride + (column + c) * self.column_stride..];
+        if let (Some(strip), true) =
+            (strip.first_chunk_mut::<BLOCK>(), width == W && W >= GROUP && self.row_stride == 1)
+        {
+            for c in (0..W).step_by(GROUP) {
+                let columns: [&[f32; BLOCK]; GROUP] =
+                    std::array::from_fn(|i| column_at(c + i).first_chunk().expect("a block of rows"));
+                for k in 0..BLOCK {
+                    for i in 0..GROUP {
+                        strip[k][c + i] = columns[i][k];
+                    }
+                }
+            }
+            return;
+        }
+        if width < W {
+            strip.as_flattened_mut().fill(0.0);
+        }
+        for c in 0..width {
+            for (to, from) in strip.iter_mut().zip(column_at(c).iter().step_by(self.row_stride)) {
+                to[c] = *from;
             }
         }
-        block
-    }
-
-    /// A copy of the columns from `first` on, each row filled up with zeros to `width`.
-    fn padded(&self, first: usize, width: usize) -> Vec<f32> {
-        let mut copy = vec![0.0; self.rows * width];
-        for (k, row) in copy.chunks_mut(width).enumerate() {
-            let numbers = &self.numbers[k * self.row_stride..][first..self.columns];
-            row[..numbers.len()].copy_from_slice(numbers);
-        }
-        copy
     }
 }
 
+/// Columns that are turned over together.
+const GROUP: usize = 4;
 /// Numbers in a line of cache, by which a matrix is turned over.
 const BLOCK: usize = 16;
+/// Terms of the sums that are added before the next column strip: a strip of B then stays in the nearest cache.
+const DEPTH: usize = 256;
 
 struct Multiply<'a> {
     c: &'a mut [f32],
     a: Matrix<'a>,
     b: Matrix<'a>,
+    scratch: &'a mut Scratch,
 }
 
 impl WithSimd for Multiply<'_> {
@@ -129,82 +151,129 @@ impl WithSimd for Multiply<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         // Tiles that leave registers to spare: 32 of them where a register holds 16 numbers, else 16.
-        if S::F32_LANES >= 16 { self.tiled::<S, 8, 2>(simd) } else { self.tiled::<S, 4, 2>(simd) }
+        match S::F32_LANES {
+            16 => self.tiled::<S, 8, 2, 32>(simd),
+            8 => self.tiled::<S, 4, 2, 16>(simd),
+            4 => self.tiled::<S, 4, 2, 8>(simd),
+            _ => self.tiled::<S, 4, 1, 1>(simd),
+        }
     }
 }
 
 impl Multiply<'_> {
-    /// Works through C in tiles of R rows and V registers. Rows and columns beyond C are zeros that are not stored.
+    /// Works through C in tiles of R rows and V registers, W columns. Rows and columns beyond C are zeros that are not stored.
+    ///
+    /// Columns outside, rows inside: a strip of B is fetched from far once and then met again in a near cache.
     #[inline(always)]
-    fn tiled<S: Simd, const R: usize, const V: usize>(self, simd: S) {
-        let Self { c, a, b } = self;
-        let (n, wide) = (b.columns, V * S::F32_LANES);
-        let full = n / wide * wide;
-        let rest = (n - full).next_multiple_of(S::F32_LANES);
-        let padded = if rest > 0 { b.padded(full, rest) } else { Vec::new() };
-        let padded = Matrix { numbers: &padded, row_stride: rest, ..b };
-        let mut panel = vec![[0.0_f32; R]; a.columns];
-        for (i, c) in c.chunks_mut(R * n).enumerate() {
-            pack(&mut panel, &a, i * R);
-            for j in (0..full).step_by(wide) {
-                let sums = tile::<S, R, V>(simd, &panel, &b, j);
-                for (c, sums) in c.chunks_mut(n).zip(&sums) {
-                    S::as_mut_simd_f32s(&mut c[j..j + wide]).0.copy_from_slice(sums);
-                }
-            }
-            for j in (0..rest).step_by(S::F32_LANES) {
-                let columns = full + j..n.min(full + j + S::F32_LANES);
-                let sums = tile::<S, R, 1>(simd, &panel, &padded, j);
-                for (c, [sum]) in c.chunks_mut(n).zip(sums) {
-                    simd.partial_store_f32s(&mut c[columns.clone()], sum);
+    fn tiled<S: Simd, const R: usize, const V: usize, const W: usize>(self, simd: S) {
+        let Self { c, a, b, scratch } = self;
+        let (n, depth) = (b.columns, a.columns);
+        let panels = blocks::<R>(&mut scratch.panels, depth * a.rows.div_ceil(R));
+        for (i, panel) in panels.chunks_exact_mut(depth).enumerate() {
+            pack(panel, &a, i * R);
+        }
+        let strip = blocks::<W>(&mut scratch.strip, depth.min(DEPTH));
+        for j in (0..n).step_by(W) {
+            let width = W.min(n - j);
+            for k in (0..depth).step_by(DEPTH) {
+                let rows = k..depth.min(k + DEPTH);
+                let strip = &mut strip[..rows.len()];
+                b.copy_strip(rows.clone(), j, strip);
+                for first in (0..a.rows).step_by(R) {
+                    let panel = &panels[first / R * depth..][rows.clone()];
+                    let at = first * n + j;
+                    if width == W && first + R <= a.rows {
+                        tile::<S, R, V, W>(simd, panel, strip, &mut c[at..], n, k > 0);
+                        continue;
+                    }
+                    // At the edges of C a tile is worked out aside.
+                    let mut aside = [[0.0_f32; W]; R];
+                    let starts = (at..c.len()).step_by(n).take(R);
+                    if k > 0 {
+                        for (r, start) in starts.clone().enumerate() {
+                            aside[r][..width].copy_from_slice(&c[start..][..width]);
+                        }
+                    }
+                    tile::<S, R, V, W>(simd, panel, strip, aside.as_flattened_mut(), W, k > 0);
+                    for (r, start) in starts.enumerate() {
+                        c[start..][..width].copy_from_slice(&aside[r][..width]);
+                    }
                 }
             }
         }
     }
 }
 
-/// Rows `first .. first + R` of A, column by column.
+/// `count` blocks of N numbers, of any value, out of a buffer that only grows.
+fn blocks<const N: usize>(buffer: &mut Vec<f32>, count: usize) -> &mut [[f32; N]] {
+    if buffer.len() < N * count {
+        buffer.resize(N * count, 0.0);
+    }
+    &mut buffer.as_chunks_mut().0[..count]
+}
+
+/// Rows `first .. first + R` of A, column by column, with zeros beyond the last row.
 #[inline(always)]
 fn pack<const R: usize>(panel: &mut [[f32; R]], a: &Matrix<'_>, first: usize) {
     let rows = R.min(a.rows - first);
-    if a.row_stride == 1 && rows == R {
-        for (k, column) in panel.iter_mut().enumerate() {
-            column.copy_from_slice(&a.numbers[k * a.column_stride + first..][..R]);
-        }
-        return;
-    }
-    for r in 0..R {
-        if r < rows {
+    if rows < R {
+        panel.as_flattened_mut().fill(0.0);
+        for r in 0..rows {
             let row = a.numbers[(first + r) * a.row_stride..].iter().step_by(a.column_stride);
             panel.iter_mut().zip(row).for_each(|(column, x)| column[r] = *x);
-        } else {
-            for column in panel.iter_mut() {
-                column[r] = 0.0;
+        }
+    } else if a.row_stride == 1 {
+        for (k, column) in panel.iter_mut().enumerate() {
+            *column = *a.numbers[k * a.column_stride + first..].first_chunk().expect("R rows");
+        }
+    } else {
+        let reach = (panel.len() - 1) * a.column_stride + 1;
+        let rows: [&[f32]; R] = std::array::from_fn(|r| &a.numbers[(first + r) * a.row_stride..][..reach]);
+        for k in 0..panel.len() {
+            for r in 0..R {
+                panel[k][r] = rows[r][k * a.column_stride];
             }
         }
     }
 }
 
-/// R rows by V registers of C, from column `j` on.
+/// A strip's part of R rows of W numbers of C, `stride` apart, held in V registers each: what stands there is added to,
+/// or else replaced.
 #[inline(always)]
-fn tile<S: Simd, const R: usize, const V: usize>(
+fn tile<S: Simd, const R: usize, const V: usize, const W: usize>(
     simd: S,
     panel: &[[f32; R]],
-    b: &Matrix<'_>,
-    j: usize,
-) -> [[S::f32s; V]; R] {
+    strip: &[[f32; W]],
+    c: &mut [f32],
+    stride: usize,
+    adds: bool,
+) {
+    // Plain indices over constant bounds: what is written so is unrolled, and only then do the sums stay in registers.
     let mut sums = [[simd.splat_f32s(0.0); V]; R];
-    for (k, column) in panel.iter().enumerate() {
-        let (row, _) = S::as_simd_f32s(&b.numbers[k * b.row_stride + j..][..V * S::F32_LANES]);
-        let row: [S::f32s; V] = *row.first_chunk().expect("V registers of numbers");
-        for (sums, x) in sums.iter_mut().zip(column) {
-            let x = simd.splat_f32s(*x);
-            for (sum, y) in sums.iter_mut().zip(row) {
-                *sum = simd.mul_add_f32s(x, y, *sum);
+    if adds {
+        for r in 0..R {
+            sums[r] = registers::<S, V, W>(c[r * stride..].first_chunk().expect("a row of the tile"));
+        }
+    }
+    for k in 0..panel.len().min(strip.len()) {
+        let (column, row) = (&panel[k], registers::<S, V, W>(&strip[k]));
+        for r in 0..R {
+            let x = simd.splat_f32s(column[r]);
+            for v in 0..V {
+                sums[r][v] = simd.mul_add_f32s(x, row[v], sums[r][v]);
             }
         }
     }
-    sums
+    for r in 0..R {
+        let (to, _) = S::as_mut_simd_f32s(&mut c[r * stride..][..W]);
+        *to.first_chunk_mut().expect("W numbers are V registers") = sums[r];
+    }
+}
+
+#[inline(always)]
+fn registers<S: Simd, const V: usize, const W: usize>(numbers: &[f32; W]) -> [S::f32s; V] {
+    let (numbers, _) = S::as_simd_f32s(numbers);
+    *numbers.first_chunk().expect("W numbers are V registers")
 }
 
 #[cfg(test)]
@@ -250,14 +319,16 @@ mod tests {
 
     #[test]
     fn registers_do_not_show_in_the_bits() {
-        let (a, b) = (random((13, 50), 5), random((50, 37), 6));
+        // Deeper than two strips, with rows and columns left over.
+        const K: usize = 2 * DEPTH + 50;
+        let (a, b) = (random((13, K), 5), random((K, 37), 6));
         let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
         let c = Tensor::zeros((13, 37), DType::F32, &Device::Cpu).unwrap();
         product(&c, &a, &b).unwrap();
         let (a, b) = (numbers(&a), numbers(&b));
         for (at, found) in numbers(&c).iter().enumerate() {
             let (i, j) = (at / 37, at % 37);
-            assert_eq!(*found, (0..50).fold(0.0_f32, |sum, k| a[i * 50 + k].mul_add(b[k * 37 + j], sum)));
+            assert_eq!(*found, (0..K).fold(0.0_f32, |sum, k| a[i * K + k].mul_add(b[k * 37 + j], sum)));
         }
     }
 

@@ -80,7 +80,7 @@ impl Ddpg {
             });
         }
         for ((_, network), numbers) in self.networks().zip(arenas) {
-            network.overwrite(numbers)?;
+            network.overwrite(&numbers)?;
         }
         self.counters = snapshot.counters;
         Ok(())

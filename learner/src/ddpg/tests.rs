@@ -1,10 +1,10 @@
 //! Tests of the learner as a whole: gradients against autograd, bits, snapshots, faults, and learning itself.
 
+use super::networks::Network;
 use super::networks::tests::{assert_close, recorded_forward, tensors, variables};
-use super::networks::{Network, Row};
-use super::update::{Batch, Ddpg, Dims, Update};
-use super::{Error, kernels::Activation, losses};
-use crate::replay::{Minibatch, Replay};
+use super::update::{Ddpg, Dims, Update};
+use super::{Error, kernels::Activation, losses, networks};
+use crate::replay::{Replay, Row};
 use candle_core::Tensor;
 use herd_common::config;
 use herd_common::seed::Seed;
@@ -50,6 +50,13 @@ fn run(ddpg: &mut Ddpg, replay: &Replay, updates: usize) -> Vec<Update> {
     (0..updates).map(|_| ddpg.update(replay).unwrap()).collect()
 }
 
+/// Sixteen transitions for the learner's batch.
+fn fill<'a>(ddpg: &Ddpg, replay: &'a Replay) -> Vec<Row<'a>> {
+    let rows: Vec<_> = replay.draw(ddpg.batch.len(), &mut Seed::from_number(7).rng()).collect();
+    ddpg.batch.fill(&rows, ddpg.config.reward_scale as f32).unwrap();
+    rows
+}
+
 #[test]
 fn gradients_match_autograd() {
     for sets in [PLAIN, TD3] {
@@ -57,32 +64,35 @@ fn gradients_match_autograd() {
         let replay = random_replay(200, DIMS);
         // Some updates first, so that target and online networks differ; the next one moves the actor.
         run(&mut ddpg, &replay, 3);
-        let mut minibatch = Minibatch::default();
-        replay.sample_into(16, &mut Seed::from_number(7).rng(), &mut minibatch);
-        let batch = Batch::new(&minibatch, DIMS, ddpg.config.reward_scale).unwrap();
-        let y = ddpg.targets(&batch, &mut Seed::from_number(8).rng()).unwrap();
-        let found = ddpg.findings(&batch, &y, true).unwrap();
+        fill(&ddpg, &replay);
+        let y = ddpg.targets(&mut Seed::from_number(8).rng()).unwrap();
+        let found = ddpg.findings(&y, true).unwrap();
 
         let mut critic_loss = 0.0;
         for critic in &ddpg.critics {
             let vars = variables(critic);
-            let values = recorded_forward(&vars, &batch.state_actions, Activation::Linear);
+            let values = recorded_forward(&vars, &ddpg.batch.state_actions().unwrap(), Activation::Linear);
             let loss = losses::critic(&values, &y).unwrap();
             critic_loss += loss.to_scalar::<f32>().unwrap() / ddpg.critics.len() as f32;
             let store = loss.backward().unwrap();
-            for ((span, gradient), var) in critic.spans().iter().zip(tensors(critic, Row::Gradient)).zip(&vars) {
+            for ((span, gradient), var) in
+                critic.spans().iter().zip(tensors(critic, networks::Row::Gradient)).zip(&vars)
+            {
                 assert_close(&span.name, &gradient, store.get(var).unwrap());
             }
         }
         assert!((found.update.critic_loss - critic_loss).abs() < 1e-5 * critic_loss);
 
         let (actor, critic) = (variables(&ddpg.actor), variables(&ddpg.critics[0]));
-        let actions = recorded_forward(&actor, &batch.observations, Activation::Tanh);
-        let inputs = Tensor::cat(&[&batch.observations, &actions], 1).unwrap();
+        let observations = ddpg.batch.observations().unwrap().contiguous().unwrap();
+        let actions = recorded_forward(&actor, &observations, Activation::Tanh);
+        let inputs = Tensor::cat(&[&observations, &actions], 1).unwrap();
         let loss = losses::actor(&recorded_forward(&critic, &inputs, Activation::Linear)).unwrap();
         assert!((found.update.actor_loss.unwrap() - loss.to_scalar::<f32>().unwrap()).abs() < 1e-5);
         let store = loss.backward().unwrap();
-        for ((span, gradient), var) in ddpg.actor.spans().iter().zip(tensors(&ddpg.actor, Row::Gradient)).zip(&actor) {
+        for ((span, gradient), var) in
+            ddpg.actor.spans().iter().zip(tensors(&ddpg.actor, networks::Row::Gradient)).zip(&actor)
+        {
             assert_close(&format!("actor.{}", span.name), &gradient, store.get(var).unwrap());
         }
     }
@@ -91,27 +101,35 @@ fn gradients_match_autograd() {
 #[test]
 fn targets_take_the_lower_critic_at_a_clipped_action() {
     let replay = random_replay(64, DIMS);
-    let mut minibatch = Minibatch::default();
-    replay.sample_into(64, &mut Seed::from_number(7).rng(), &mut minibatch);
-    let numbers = |t: Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
-    let value = |critic: &Network, actions: &Tensor, batch: &Batch| {
-        let inputs = Tensor::cat(&[&batch.next_observations, actions], 1).unwrap();
-        numbers(critic.forward(Row::Target, &inputs).unwrap().output)
+    let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+    let forward = |network: &Network, x: &Tensor| {
+        let pass = network.pass(x.dim(0).unwrap()).unwrap();
+        network.forward(networks::Row::Target, x, &pass).unwrap();
+        pass.output().clone()
     };
 
-    let batch = Batch::new(&minibatch, DIMS, 0.5).unwrap();
-    let sets = config(&["ddpg.twin_critic=true", "ddpg.smoothing_sigma=0", "ddpg.output_init=0.5"]);
+    let sets = [
+        "ddpg.twin_critic=true",
+        "ddpg.smoothing_sigma=0",
+        "ddpg.output_init=0.5",
+        "ddpg.batch_size=64",
+        "ddpg.reward_scale=0.5",
+    ];
+    let sets = config(&sets);
     let both_are_lower_somewhere = |seed| {
         let still = Ddpg::new(&sets, DIMS, Seed::from_number(seed)).unwrap();
-        let actions = still.actor.forward(Row::Target, &batch.next_observations).unwrap().output;
-        let [one, two] = [0, 1].map(|i| value(&still.critics[i], &actions, &batch));
+        fill(&still, &replay);
+        let observations = still.batch.next_observations().unwrap().contiguous().unwrap();
+        let inputs = Tensor::cat(&[&observations, &forward(&still.actor, &observations)], 1).unwrap();
+        let [one, two] = [0, 1].map(|i| numbers(&forward(&still.critics[i], &inputs)));
         let mixed = one.iter().zip(&two).any(|(a, b)| a < b) && one.iter().zip(&two).any(|(a, b)| a > b);
         mixed.then_some((still, one, two))
     };
     let (still, one, two) = (0..100).find_map(both_are_lower_somewhere).expect("critics differ in both directions");
-    let y = numbers(still.targets(&batch, &mut Seed::from_number(1).rng()).unwrap());
+    let rows = fill(&still, &replay);
+    let y = numbers(&still.targets(&mut Seed::from_number(1).rng()).unwrap());
     for i in 0..64 {
-        assert_eq!(y[i], 0.5 * minibatch.rewards[i] + minibatch.discounts[i] * one[i].min(two[i]));
+        assert_eq!(y[i], 0.5 * rows[i].reward + rows[i].discount * one[i].min(two[i]));
     }
 
     let noisy = learner(&["ddpg.smoothing_sigma=0.5", "ddpg.smoothing_clip=0.25"]);
@@ -120,7 +138,9 @@ fn targets_take_the_lower_critic_at_a_clipped_action() {
     // P(|N(0, 0.5)| > 0.25) = 0.617
     let clipped = noise.iter().filter(|x| x.abs() == 0.25).count();
     assert!((5900..6450).contains(&clipped), "{clipped}");
-    assert_ne!(numbers(noisy.targets(&batch, &mut Seed::from_number(1).rng()).unwrap()), y);
+    fill(&noisy, &replay);
+    let targets = |seed| numbers(&noisy.targets(&mut Seed::from_number(seed).rng()).unwrap());
+    assert_ne!(targets(1), targets(2));
 }
 
 #[test]

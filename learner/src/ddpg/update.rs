@@ -2,7 +2,7 @@
 //!
 //! | symbol | name | shape |
 //! |---|---|---|
-//! | s, a, r, γ, s′ | a minibatch | `[n, observation]`, `[n, action]`, `[n, 1]`, `[n, 1]`, `[n, observation]` |
+//! | s, a, r, γ, s′ | a minibatch, see `batch` | `[n, observation]`, `[n, action]`, `[n, 1]`, `[n, 1]`, `[n, observation]` |
 //! | π, Q | actor, critic (one or two) | `[n, action]`, `[n, 1]` |
 //! | π′, Q′ | their target copies | the same |
 //!
@@ -10,13 +10,14 @@
 //! all, and the critic meets (s, a) and (s, π(s)) in one batch. TD3 (Fujimoto et al. 2018): y uses the lower of two
 //! target critics at a′ = clip(π′(s′) + clip(noise)), and actor and targets move every `actor_every` updates.
 
+use super::batch::Batch;
 use super::error::Error;
 use super::kernels::Activation;
 use super::losses;
 use super::networks::{Head, Network, Pass, Row};
 use super::optimizer::{Step, apply, norm};
 use super::snapshot::Counters;
-use crate::replay::{Minibatch, Replay};
+use crate::replay::Replay;
 use candle_core::{Device, Tensor};
 use herd_common::caps;
 use herd_common::config::ddpg::Config;
@@ -56,17 +57,11 @@ pub struct Ddpg {
     pub(super) actor: Network,
     pub(super) critics: Vec<Network>,
     pub(super) counters: Counters,
-    minibatch: Minibatch,
-}
-
-/// A minibatch as tensors; see the module's table.
-pub(super) struct Batch {
-    len: usize,
-    pub(super) observations: Tensor,
-    pub(super) state_actions: Tensor,
-    rewards: Tensor,
-    discounts: Tensor,
-    pub(super) next_observations: Tensor,
+    pub(super) batch: Batch,
+    /// Room for n rows of the actor, online or target.
+    actor_pass: Pass,
+    /// Room for 2n rows of any critic, online or target.
+    critic_pass: Pass,
 }
 
 /// What one update found out before it changes a weight; the gradients themselves stand in the networks.
@@ -86,16 +81,20 @@ impl Ddpg {
         let actor = widths(dims.observation, dims.action);
         let critic = widths(dims.observation + dims.action, 1);
         let critics = if config.twin_critic { 2 } else { 1 };
+        let actor = Network::new(&actor, head(Activation::Tanh), seed.child("actor", 0))?;
+        let critics: Vec<Network> = (0..critics)
+            .map(|i| Network::new(&critic, head(Activation::Linear), seed.child("critic", i)))
+            .collect::<Result<_, _>>()?;
         Ok(Self {
             config: config.clone(),
             dims,
             seed,
-            actor: Network::new(&actor, head(Activation::Tanh), seed.child("actor", 0))?,
-            critics: (0..critics)
-                .map(|i| Network::new(&critic, head(Activation::Linear), seed.child("critic", i)))
-                .collect::<Result<_, _>>()?,
             counters: Counters::default(),
-            minibatch: Minibatch::default(),
+            batch: Batch::new(config.batch_size, dims)?,
+            actor_pass: actor.pass(config.batch_size)?,
+            critic_pass: critics[0].pass(2 * config.batch_size)?,
+            actor,
+            critics,
         })
     }
 
@@ -116,12 +115,12 @@ impl Ddpg {
     pub fn update(&mut self, replay: &Replay) -> Result<Update, Error> {
         self.check(replay)?;
         let mut rng = self.seed.child("update", self.counters.updates).rng();
-        replay.sample_into(self.config.batch_size, &mut rng, &mut self.minibatch);
+        let rows: Vec<_> = replay.draw(self.config.batch_size, &mut rng).collect();
+        self.batch.fill(&rows, self.config.reward_scale as f32)?;
         self.counters.updates += 1;
-        let batch = Batch::new(&self.minibatch, self.dims, self.config.reward_scale)?;
-        let targets = self.targets(&batch, &mut rng)?;
+        let targets = self.targets(&mut rng)?;
         let moves_actor = self.counters.updates.is_multiple_of(self.config.actor_every);
-        let mut found = self.findings(&batch, &targets, moves_actor)?;
+        let mut found = self.findings(&targets, moves_actor)?;
         found.update.skipped = !found.is_finite();
         if found.update.skipped {
             self.counters.skipped += 1;
@@ -142,14 +141,18 @@ impl Ddpg {
     /// The actor's action for one observation, by candle.
     pub fn act(&self, observation: &[f32]) -> Result<Vec<f32>, Error> {
         let x = Tensor::from_slice(observation, (1, self.dims.observation), &Device::Cpu)?;
-        Ok(self.actor.forward(Row::Online, &x)?.output.flatten_all()?.to_vec1()?)
+        let pass = self.actor.pass(1)?;
+        self.actor.forward(Row::Online, &x, &pass)?;
+        Ok(pass.output().flatten_all()?.to_vec1()?)
     }
 
     /// The first critic's Q(s, a), in units of scaled reward.
     pub fn value(&self, observation: &[f32], action: &[f32]) -> Result<f32, Error> {
         let width = self.dims.observation + self.dims.action;
         let x = Tensor::from_vec([observation, action].concat(), (1, width), &Device::Cpu)?;
-        Ok(self.critics[0].forward(Row::Online, &x)?.output.flatten_all()?.to_vec1::<f32>()?[0])
+        let pass = self.critics[0].pass(1)?;
+        self.critics[0].forward(Row::Online, &x, &pass)?;
+        Ok(pass.output().flatten_all()?.to_vec1::<f32>()?[0])
     }
 
     /// The actor as plain data, every number finite.
@@ -181,24 +184,27 @@ impl Ddpg {
         Ok(())
     }
 
-    /// Losses and gradients; changes nothing that lasts.
-    pub(super) fn findings(&self, batch: &Batch, targets: &Tensor, moves_actor: bool) -> Result<Findings, Error> {
-        let actor_pass = if moves_actor { Some(self.actor.forward(Row::Online, &batch.observations)?) } else { None };
+    /// Losses and gradients for the batch; changes nothing that lasts.
+    pub(super) fn findings(&self, targets: &Tensor, moves_actor: bool) -> Result<Findings, Error> {
+        if moves_actor {
+            self.actor.forward(Row::Online, &self.batch.observations()?, &self.actor_pass)?;
+            self.batch.set_own_actions(self.actor_pass.output())?;
+        }
         let mut critics = Vec::with_capacity(self.critics.len());
         let mut update = Update { critic_loss: 0.0, actor_loss: None, mean_value: 0.0, skipped: false };
         let mut actor = None;
         for (i, critic) in self.critics.iter().enumerate() {
             // Only the first critic guides the actor.
-            let guided = actor_pass.as_ref().filter(|_| i == 0);
-            let judged = self.judge(critic, batch, targets, guided)?;
+            let guides = moves_actor && i == 0;
+            let judged = self.judge(critic, targets, guides)?;
             update.critic_loss += judged.loss / self.critics.len() as f32;
             if i == 0 {
                 update.mean_value = judged.mean_value;
+                update.actor_loss = judged.actor_loss;
             }
-            if let (Some(pass), Some((loss, action_gradient))) = (guided, judged.guidance) {
-                update.actor_loss = Some(loss);
-                let deltas = self.actor.deltas(pass, action_gradient)?;
-                self.actor.gradients(pass, &deltas, batch.len)?;
+            if guides {
+                self.actor.deltas(&self.actor_pass)?;
+                self.actor.gradients(&self.batch.observations()?, &self.actor_pass, self.batch.len())?;
                 actor = Some(norm(&self.actor)?);
             }
             critics.push(judged.norm);
@@ -207,20 +213,25 @@ impl Ddpg {
     }
 
     /// y of eq 6, with TD3's smoothing and minimum.
-    pub(super) fn targets(&self, batch: &Batch, rng: &mut impl Rng) -> Result<Tensor, Error> {
-        let mut actions = self.actor.forward(Row::Target, &batch.next_observations)?.output;
+    pub(super) fn targets(&self, rng: &mut impl Rng) -> Result<Tensor, Error> {
+        let batch = &self.batch;
+        self.actor.forward(Row::Target, &batch.next_observations()?, &self.actor_pass)?;
+        let actions = self.actor_pass.output();
         if self.config.smoothing_sigma > 0.0 {
             let noise = Tensor::from_vec(self.smoothing(actions.elem_count(), rng), actions.shape(), &Device::Cpu)?;
-            actions = (actions + noise)?.clamp(-1.0_f32, 1.0_f32)?;
+            batch.set_next_actions(&(actions + noise)?.clamp(-1.0_f32, 1.0_f32)?)?;
+        } else {
+            batch.set_next_actions(actions)?;
         }
-        let inputs = Tensor::cat(&[&batch.next_observations, &actions], 1)?;
+        let pass = self.critic_pass.first(batch.len())?;
         let mut lowest: Option<Tensor> = None;
         for critic in &self.critics {
-            let values = critic.forward(Row::Target, &inputs)?.output;
-            lowest = Some(lowest.map_or(Ok(values.clone()), |lowest| lowest.minimum(&values))?);
+            critic.forward(Row::Target, batch.next_inputs(), &pass)?;
+            let values = pass.output();
+            lowest = Some(lowest.map_or_else(|| values.copy(), |lowest| lowest.minimum(values))?);
         }
         let next_values = lowest.expect("there is at least one critic");
-        Ok(losses::targets(&batch.rewards, &batch.discounts, &next_values)?)
+        Ok(losses::targets(batch.rewards(), batch.discounts(), &next_values)?)
     }
 
     /// Clipped Gaussian noise on target actions.
@@ -229,34 +240,28 @@ impl Ddpg {
         (0..count).map(|_| (sigma * rng.sample::<f32, _>(StandardNormal)).clamp(-clip, clip)).collect()
     }
 
-    /// One critic's loss and gradient, and ∂(eq 7)/∂a at the actions of `guided`.
-    fn judge(&self, critic: &Network, batch: &Batch, y: &Tensor, guided: Option<&Pass>) -> Result<Judged, Error> {
-        let n = batch.len;
-        let inputs = match guided {
-            None => batch.state_actions.clone(),
-            Some(actor) => {
-                let own = Tensor::cat(&[&batch.observations, &actor.output], 1)?;
-                Tensor::cat(&[&batch.state_actions, &own], 0)?
-            }
-        };
-        let pass = critic.forward(Row::Online, &inputs)?;
-        let values = pass.output.narrow(0, 0, n)?;
+    /// One critic's loss and gradient; if it guides the actor, ∂(eq 7)/∂a goes into the actor's pass.
+    fn judge(&self, critic: &Network, y: &Tensor, guides: bool) -> Result<Judged, Error> {
+        let (batch, n) = (&self.batch, self.batch.len());
+        let inputs = if guides { batch.both().clone() } else { batch.state_actions()? };
+        let pass = self.critic_pass.first(inputs.dim(0)?)?;
+        critic.forward(Row::Online, &inputs, &pass)?;
+        let values = pass.output().narrow(0, 0, n)?;
         let loss = losses::critic(&values, y)?.to_scalar()?;
         let mean_value = values.mean_all()?.to_scalar()?;
-        let mut output_gradient = losses::critic_gradient(&values, y)?;
+        pass.output_gradient().slice_set(&losses::critic_gradient(&values, y)?, 0, 0)?;
         let mut actor_loss = None;
-        if guided.is_some() {
-            let own_values = pass.output.narrow(0, n, n)?;
+        if guides {
+            let own_values = pass.output().narrow(0, n, n)?;
             actor_loss = Some(losses::actor(&own_values)?.to_scalar()?);
-            output_gradient = Tensor::cat(&[&output_gradient, &losses::actor_gradient(&own_values)?], 0)?;
+            pass.output_gradient().slice_set(&losses::actor_gradient(&own_values)?, 0, n)?;
         }
-        let deltas = critic.deltas(&pass, output_gradient)?;
-        let guidance = match actor_loss {
-            Some(loss) => Some((loss, critic.input_gradient(&deltas, n, self.dims.observation)?)),
-            None => None,
-        };
-        critic.gradients(&pass, &deltas, n)?;
-        Ok(Judged { loss, mean_value, norm: norm(critic)?, guidance })
+        critic.deltas(&pass)?;
+        if guides {
+            critic.input_gradient(&pass, n, self.dims.observation, self.actor_pass.output_gradient())?;
+        }
+        critic.gradients(&inputs, &pass, n)?;
+        Ok(Judged { loss, mean_value, norm: norm(critic)?, actor_loss })
     }
 
     fn apply(&mut self, found: &Findings) -> Result<(), Error> {
@@ -285,8 +290,8 @@ struct Judged {
     mean_value: f32,
     /// Length of its gradient.
     norm: f32,
-    /// The actor's loss and its gradient in the actor's actions.
-    guidance: Option<(f32, Tensor)>,
+    /// Of the critic that guides the actor.
+    actor_loss: Option<f32>,
 }
 
 impl Findings {
@@ -294,22 +299,5 @@ impl Findings {
         let Update { critic_loss, actor_loss, mean_value, .. } = self.update;
         let norms = self.critics.iter().chain(&self.actor).copied();
         [critic_loss, actor_loss.unwrap_or(0.0), mean_value].into_iter().chain(norms).all(f32::is_finite)
-    }
-}
-
-impl Batch {
-    pub(super) fn new(minibatch: &Minibatch, dims: Dims, reward_scale: f64) -> Result<Self, Error> {
-        let n = minibatch.len;
-        let tensor = |numbers: &[f32], width| Tensor::from_slice(numbers, (n, width), &Device::Cpu);
-        let observations = tensor(&minibatch.observations, dims.observation)?;
-        let actions = tensor(&minibatch.actions, dims.action)?;
-        Ok(Self {
-            len: n,
-            state_actions: Tensor::cat(&[&observations, &actions], 1)?,
-            observations,
-            rewards: tensor(&minibatch.rewards, 1)?.affine(reward_scale, 0.0)?,
-            discounts: tensor(&minibatch.discounts, 1)?,
-            next_observations: tensor(&minibatch.next_observations, dims.observation)?,
-        })
     }
 }

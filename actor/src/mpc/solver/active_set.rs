@@ -150,64 +150,9 @@ impl ActiveSet {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::testing::{self, ALL, check_optimal};
+    use super::super::super::testing::{self, ALL};
     use super::super::InteriorPoint;
     use super::*;
-    use proptest::prelude::*;
-
-    /// What the interior point leaves in weakly curved directions, N.
-    const REFERENCE_ERROR_N: f64 = 1e-2;
-
-    #[track_caller]
-    fn check(qp: &Qp) {
-        let mut forces = vec![0.0; qp.variables()];
-        ActiveSet::default().solve(qp, &mut forces).unwrap();
-        check_optimal(qp, &forces);
-        let error = testing::error_bound(qp, &forces);
-        assert!(error < 1e-6, "{error} N from the minimiser");
-        let mut reference = vec![0.0; qp.variables()];
-        InteriorPoint.solve(qp, &mut reference).unwrap();
-        for (index, (got, expected)) in forces.iter().zip(&reference).enumerate() {
-            assert!((got - expected).abs() < REFERENCE_ERROR_N, "force {index} is {got}, expected {expected}");
-        }
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(24))]
-        #[test]
-        fn agrees_with_the_interior_point_in_a_trot(seed in 0_u64..1_000_000, speed in -1.0..2.0_f64) {
-            check(&testing::programme(&testing::disturbed(seed), &testing::horizon(&testing::trot(), speed, seed)));
-        }
-
-        #[test]
-        fn agrees_with_the_interior_point_for_any_stance(
-            seed in 0_u64..1_000_000,
-            stance in prop::collection::vec(prop::array::uniform4(any::<bool>()), 1..7),
-        ) {
-            let qp = testing::programme(&testing::disturbed(seed), &testing::horizon(&stance, 0.3, seed));
-            if qp.feet() > 0 {
-                check(&qp);
-            }
-        }
-    }
-
-    #[test]
-    fn agrees_with_the_interior_point_on_four_feet() {
-        for seed in 0..3 {
-            check(&testing::programme(&testing::disturbed(seed), &testing::horizon(&[ALL; 10], 0.0, seed)));
-        }
-    }
-
-    #[test]
-    fn a_state_far_off_its_reference_is_still_solved() {
-        for seed in 0..8 {
-            let mut state = testing::disturbed(seed);
-            state.position.z -= 1.5;
-            state.velocity.y += 8.0;
-            state.angles.x += 1.2;
-            check(&testing::programme(&state, &testing::horizon(&testing::trot(), 1.0, seed)));
-        }
-    }
 
     #[test]
     fn a_matrix_without_curvature_is_refused() {
