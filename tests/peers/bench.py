@@ -124,6 +124,11 @@ def report(rows, options):
         options.json.write_text(json.dumps([asdict(r) for r in rows], indent=1), encoding="utf-8")
 
 
+def pin():
+    """Keeps this process and all that it starts, herd and peers alike, on one core; call it once herd is built."""
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
 def say(text):
     """Tells on stderr how far it is."""
     print(text, file=sys.stderr, flush=True)

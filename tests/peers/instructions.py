@@ -2,7 +2,7 @@
 
 Counts hardly depend on how busy the machine is, so that they show a regression where times do not. Valgrind offers
 AVX2 and no AVX-512, whatever the processor has: kernels that choose by processor are counted as AVX2 runs them. Each
-path is one call in herd's own bench, run once by criterion's `--test`; what leads up to the call is not counted.
+path is one iteration of herd's own bench, by criterion's `--test`; what leads up to it is not counted.
 """
 
 import argparse
@@ -18,25 +18,27 @@ import bench
 
 BASELINE = bench.HERE / "instructions.json"
 TOLERANCE = 0.03
-# Name: package, bench, which benchmark of it, the function counted (as callgrind writes it), its share of one run.
+# Name: package, bench, which benchmark of it, by how many the count is divided.
 PATHS = {
-    "control tick": ("herd-actor", "control_tick", "control_tick/swing of 75 ticks", "herd_actor::*Env*::step", 75),
-    "MPC, trot": ("herd-actor", "mpc", "mpc/trot/active_set", "herd_actor::mpc::*Mpc*::solve", 1),
-    "MPC, four feet": ("herd-actor", "mpc", "mpc/four_feet/active_set", "herd_actor::mpc::*Mpc*::solve", 1),
-    "policy, forward": ("herd-actor", "decision", "policy", "herd_common::policy::*Policy*::act", 1),
-    "DDPG update, batch 64": ("herd-learner", "ddpg", "update/64/ddpg", "herd_learner::ddpg::*Ddpg*::update", 1),
-    "DDPG update, batch 256": ("herd-learner", "ddpg", "update/256/ddpg", "herd_learner::ddpg::*Ddpg*::update", 1),
-    "TD3 update, critics only": ("herd-learner", "ddpg", "update/64/td3", "herd_learner::ddpg::*Ddpg*::update", 1),
-    "replay, draw 256": ("herd-learner", "replay", "replay/sample/256", "herd_learner::replay::*::sample_into", 1),
+    "control tick": ("herd-actor", "control_tick", "control_tick/swing of 75 ticks", 75),
+    "MPC, trot": ("herd-actor", "mpc", "mpc/trot/active_set", 1),
+    "MPC, four feet": ("herd-actor", "mpc", "mpc/four_feet/active_set", 1),
+    "policy, forward": ("herd-actor", "decision", "policy", 1),
+    "DDPG update, batch 64": ("herd-learner", "ddpg", "update/64/ddpg", 1),
+    "DDPG update, batch 256": ("herd-learner", "ddpg", "update/256/ddpg", 1),
+    "TD3 update, critics only": ("herd-learner", "ddpg", "update/64/td3", 1),
+    "replay, draw 256": ("herd-learner", "replay", "replay/sample/256", 1),
 }
+# Criterion's loop about the benchmarked closure, with --test of one turn: the same whatever herd's own code inlines.
+COUNTED = "criterion::bencher::Bencher<*>::iter"
 
 
-def count(program, only, function, calls):
-    """Instructions of one call of `function`, with all that it calls."""
+def count(program, only):
+    """Instructions of one iteration of a benchmark."""
     with tempfile.TemporaryDirectory() as directory:
         done = subprocess.run(
             ["valgrind", "--tool=callgrind", f"--callgrind-out-file={directory}/out.%p",
-             f"--toggle-collect={function}", program, "--bench", "--test", "--exact", only],
+             f"--toggle-collect={COUNTED}", program, "--bench", "--test", "--exact", only],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False,
             env={**os.environ, **bench.ONE_THREAD, "CRITERION_HOME": directory},
         )  # fmt: skip
@@ -45,8 +47,8 @@ def count(program, only, function, calls):
     # A child that criterion forks reports too, with nothing collected.
     collected = max(int(number) for number in re.findall(r"Collected : (\d+)", done.stderr))
     if not collected:
-        raise RuntimeError(f"{only}: nothing counted; is {function} still its name?")
-    return collected // calls
+        raise RuntimeError(f"{only}: nothing counted; is {COUNTED} a function of its own?")
+    return collected
 
 
 def table(found, baseline):
@@ -68,14 +70,14 @@ def main():
     if shutil.which("valgrind") is None:
         sys.exit("valgrind is not installed")
     programs, found, lost = {}, {}, []
-    for name, (package, bench_name, only, function, calls) in PATHS.items():
+    for name, (package, bench_name, only, parts) in PATHS.items():
         if options.quick and "update" in name:
             continue
         bench.say(f"instructions: {name}")
         try:
             if bench_name not in programs:
                 programs[bench_name] = bench.Bench(package, bench_name).program
-            found[name] = count(programs[bench_name], only, function, calls)
+            found[name] = count(programs[bench_name], only) // parts
         except RuntimeError as error:
             lost.append(str(error))
     baseline = json.loads(BASELINE.read_text(encoding="utf-8")) if BASELINE.exists() else {}

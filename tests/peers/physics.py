@@ -16,6 +16,7 @@ def measure(options):
     """The rows of the table."""
     rounds, seconds = (1, 1.0) if options.quick else (options.rounds, 3.0)
     herd = None if options.no_herd else bench.Bench("herd-actor", "control_tick")
+    bench.pin()
     peers, missing, times = {}, [], {"herd": []}
     for name, *words in PEERS:
         try:
