@@ -17,6 +17,8 @@ ROOT = HERE.parent.parent
 # One thread for every one of them; set before any of them is imported.
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
+    # Where there are two after all: threads that wait must not take the core from those that work.
+    "OMP_WAIT_POLICY": "passive",
     "MKL_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "RAYON_NUM_THREADS": "1",
@@ -120,6 +122,11 @@ def report(rows, options):
     print(f"\n{machine()}\n\n{markdown(rows)}")
     if options.json:
         options.json.write_text(json.dumps([asdict(r) for r in rows], indent=1), encoding="utf-8")
+
+
+def pin():
+    """Keeps this process and all that it starts, herd and peers alike, on one core; call it once herd is built."""
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
 def say(text):

@@ -5,9 +5,9 @@ import quadruped
 
 WORK = "tick of 2 ms"
 PEERS = [
-    ("MuJoCo, physics alone", "mujoco", "alone"),
+    ("MuJoCo, its own joint control", "mujoco", "alone"),
     ("MuJoCo, PD in numpy", "mujoco", "pd"),
-    ("PyBullet, physics alone", "pybullet", "alone"),
+    ("PyBullet, its own joint motors", "pybullet", "alone"),
     ("PyBullet, PD in numpy", "pybullet", "pd"),
 ]
 
@@ -16,6 +16,7 @@ def measure(options):
     """The rows of the table."""
     rounds, seconds = (1, 1.0) if options.quick else (options.rounds, 3.0)
     herd = None if options.no_herd else bench.Bench("herd-actor", "control_tick")
+    bench.pin()
     peers, missing, times = {}, [], {"herd": []}
     for name, *words in PEERS:
         try:

@@ -103,7 +103,7 @@ def mjcf(actuator):
 
 
 def urdf():
-    """The robot for PyBullet, which knows no rotor inertia: it is added to the links, about all axes or Bullet rejects it."""
+    """The robot for PyBullet, which knows no rotor inertia: links get it, about all axes or Bullet rejects it."""
     r = robot()
 
     def link(name, mass, centre, inertia, shape=""):

@@ -26,6 +26,8 @@ def measure(options):
     """The rows of the table, batch by batch."""
     rounds, seconds = (1, 1.0) if options.quick else (options.rounds, 3.0)
     herd = None if options.no_herd else bench.Bench("herd-learner", "ddpg")
+    # XLA starts threads of its own, whatever its flags say.
+    bench.pin()
     rows = []
     for batch, expected_micros in ((64, 2000), (256, 8000)):
         work, missing = f"DDPG update, batch {batch}", []
