@@ -168,9 +168,11 @@ impl Multiply<'_> {
     fn tiled<S: Simd, const R: usize, const V: usize, const W: usize>(self, simd: S) {
         let Self { c, a, b, scratch } = self;
         let (n, depth) = (b.columns, a.columns);
-        let panels = blocks::<R>(&mut scratch.panels, depth * a.rows.div_ceil(R));
+        // Rows that lie in one piece are read where they are.
+        let whole = if a.column_stride == 1 { a.rows / R } else { 0 };
+        let panels = blocks::<R>(&mut scratch.panels, depth * (a.rows.div_ceil(R) - whole));
         for (i, panel) in panels.chunks_exact_mut(depth).enumerate() {
-            pack(panel, &a, i * R);
+            pack(panel, &a, (whole + i) * R);
         }
         let strip = blocks::<W>(&mut scratch.strip, depth.min(DEPTH));
         for j in (0..n).step_by(W) {
@@ -180,27 +182,78 @@ impl Multiply<'_> {
                 let strip = &mut strip[..rows.len()];
                 b.copy_strip(rows.clone(), j, strip);
                 for first in (0..a.rows).step_by(R) {
-                    let panel = &panels[first / R * depth..][rows.clone()];
-                    let at = first * n + j;
-                    if width == W && first + R <= a.rows {
-                        tile::<S, R, V, W>(simd, panel, strip, &mut c[at..], n, k > 0);
-                        continue;
-                    }
-                    // At the edges of C a tile is worked out aside.
-                    let mut aside = [[0.0_f32; W]; R];
-                    let starts = (at..c.len()).step_by(n).take(R);
-                    if k > 0 {
-                        for (r, start) in starts.clone().enumerate() {
-                            aside[r][..width].copy_from_slice(&c[start..][..width]);
-                        }
-                    }
-                    tile::<S, R, V, W>(simd, panel, strip, aside.as_flattened_mut(), W, k > 0);
-                    for (r, start) in starts.enumerate() {
-                        c[start..][..width].copy_from_slice(&aside[r][..width]);
+                    let at = At { start: first * n + j, stride: n, width, adds: k > 0 };
+                    if first / R < whole {
+                        let row = |r| &a.numbers[(first + r) * a.row_stride..][rows.clone()];
+                        place::<S, R, V, W>(simd, &Rows::<R>(std::array::from_fn(row)), strip, c, at);
+                    } else {
+                        let panel = &panels[(first / R - whole) * depth..][rows.clone()];
+                        place::<S, R, V, W>(simd, &Panel(panel), strip, c, at);
                     }
                 }
             }
         }
+    }
+}
+
+/// R rows of A, wherever they stand.
+trait Left {
+    /// The number in row `r` and column `k`.
+    fn at(&self, k: usize, r: usize) -> f32;
+}
+
+/// Rows that are read where they are.
+struct Rows<'a, const R: usize>([&'a [f32]; R]);
+
+impl<const R: usize> Left for Rows<'_, R> {
+    #[inline(always)]
+    fn at(&self, k: usize, r: usize) -> f32 {
+        self.0[r][k]
+    }
+}
+
+/// Rows that were packed column by column.
+struct Panel<'a, const R: usize>(&'a [[f32; R]]);
+
+impl<const R: usize> Left for Panel<'_, R> {
+    #[inline(always)]
+    fn at(&self, k: usize, r: usize) -> f32 {
+        self.0[k][r]
+    }
+}
+
+/// Where a tile stands in C.
+#[derive(Clone, Copy)]
+struct At {
+    start: usize,
+    stride: usize,
+    /// Columns that are not beyond C.
+    width: usize,
+    /// True when the sums go on that stand there.
+    adds: bool,
+}
+
+/// One tile into C. At the edges it is worked out aside.
+#[inline(always)]
+fn place<S: Simd, const R: usize, const V: usize, const W: usize>(
+    simd: S,
+    left: &impl Left,
+    strip: &[[f32; W]],
+    c: &mut [f32],
+    at: At,
+) {
+    let starts = (at.start..c.len()).step_by(at.stride).take(R);
+    if at.width == W && starts.len() == R {
+        tile::<S, R, V, W>(simd, left, strip, &mut c[at.start..], at);
+        return;
+    }
+    let mut aside = [[0.0_f32; W]; R];
+    for (r, start) in starts.clone().enumerate() {
+        aside[r][..at.width].copy_from_slice(&c[start..][..at.width]);
+    }
+    tile::<S, R, V, W>(simd, left, strip, aside.as_flattened_mut(), At { stride: W, ..at });
+    for (r, start) in starts.enumerate() {
+        c[start..][..at.width].copy_from_slice(&aside[r][..at.width]);
     }
 }
 
@@ -237,35 +290,33 @@ fn pack<const R: usize>(panel: &mut [[f32; R]], a: &Matrix<'_>, first: usize) {
     }
 }
 
-/// A strip's part of R rows of W numbers of C, `stride` apart, held in V registers each: what stands there is added to,
-/// or else replaced.
+/// A strip's part of R rows of W numbers of C, held in V registers each while it lasts.
 #[inline(always)]
 fn tile<S: Simd, const R: usize, const V: usize, const W: usize>(
     simd: S,
-    panel: &[[f32; R]],
+    left: &impl Left,
     strip: &[[f32; W]],
     c: &mut [f32],
-    stride: usize,
-    adds: bool,
+    at: At,
 ) {
     // Plain indices over constant bounds: what is written so is unrolled, and only then do the sums stay in registers.
     let mut sums = [[simd.splat_f32s(0.0); V]; R];
-    if adds {
+    if at.adds {
         for r in 0..R {
-            sums[r] = registers::<S, V, W>(c[r * stride..].first_chunk().expect("a row of the tile"));
+            sums[r] = registers::<S, V, W>(c[r * at.stride..].first_chunk().expect("a row of the tile"));
         }
     }
-    for k in 0..panel.len().min(strip.len()) {
-        let (column, row) = (&panel[k], registers::<S, V, W>(&strip[k]));
+    for k in 0..strip.len() {
+        let row = registers::<S, V, W>(&strip[k]);
         for r in 0..R {
-            let x = simd.splat_f32s(column[r]);
+            let x = simd.splat_f32s(left.at(k, r));
             for v in 0..V {
                 sums[r][v] = simd.mul_add_f32s(x, row[v], sums[r][v]);
             }
         }
     }
     for r in 0..R {
-        let (to, _) = S::as_mut_simd_f32s(&mut c[r * stride..][..W]);
+        let (to, _) = S::as_mut_simd_f32s(&mut c[r * at.stride..][..W]);
         *to.first_chunk_mut().expect("W numbers are V registers") = sums[r];
     }
 }
