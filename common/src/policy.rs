@@ -17,7 +17,7 @@ pub struct Layer {
     pub inputs: usize,
     /// Length of y.
     pub outputs: usize,
-    /// W, row-major, `[outputs, inputs]`.
+    /// W input by input, `[inputs, outputs]`: the numbers that one x is multiplied by are neighbours.
     pub weights: Vec<f32>,
     /// b, `[outputs]`.
     pub biases: Vec<f32>,
@@ -40,8 +40,6 @@ pub struct Policy {
     /// Where it comes from.
     pub provenance: Provenance,
     layers: Vec<Layer>,
-    /// W of each layer column by column: the outputs that an input goes to are neighbours.
-    columns: Vec<Vec<f32>>,
 }
 
 /// Why something is not a policy.
@@ -98,8 +96,7 @@ impl Policy {
         for (i, layer) in layers.iter().enumerate() {
             check_layer(i, layer, i.checked_sub(1).map(|before| layers[before].outputs))?;
         }
-        let columns = layers.iter().map(Layer::columns).collect();
-        Ok(Self { provenance, layers, columns })
+        Ok(Self { provenance, layers })
     }
 
     /// The layers, input first.
@@ -122,8 +119,8 @@ impl Policy {
         assert_eq!(observation.len(), self.observation_dim());
         let last = self.layers.len() - 1;
         let mut x = observation.to_vec();
-        for (i, (layer, columns)) in self.layers.iter().zip(&self.columns).enumerate() {
-            x = forward(columns, &layer.biases, &x);
+        for (i, layer) in self.layers.iter().enumerate() {
+            x = layer.forward(&x);
             for y in &mut x {
                 *y = if i < last { y.max(0.0) } else { y.tanh() };
             }
@@ -142,11 +139,13 @@ impl Policy {
         })
     }
 
-    /// The bytes of `policy.safetensors`: equal policies give equal bytes.
+    /// The bytes of `policy.safetensors`: equal policies give equal bytes. There W stands as PyTorch has it,
+    /// `[outputs, inputs]`.
     pub fn to_safetensors(&self) -> Result<Vec<u8>, Error> {
         let mut tensors = Vec::new();
-        for (i, layer) in self.layers.iter().enumerate() {
-            let weights = bytemuck::cast_slice(&layer.weights);
+        let weights: Vec<_> = self.layers.iter().map(|layer| turned(&layer.weights, layer.outputs)).collect();
+        for (i, (layer, weights)) in self.layers.iter().zip(&weights).enumerate() {
+            let weights = bytemuck::cast_slice(weights);
             let biases = bytemuck::cast_slice(&layer.biases);
             tensors.push((format!("actor.{i}.weight"), vec![layer.outputs, layer.inputs], weights));
             tensors.push((format!("actor.{i}.bias"), vec![layer.outputs], biases));
@@ -180,32 +179,33 @@ impl Policy {
             let &[outputs, inputs] = weight.shape() else {
                 return Err(Error::File(format!("actor.{}.weight is not a matrix", layers.len())));
             };
-            layers.push(Layer { inputs, outputs, weights: floats(&weight)?, biases: floats(&bias)? });
+            let weights = turned(&floats(&weight)?, inputs);
+            layers.push(Layer { inputs, outputs, weights, biases: floats(&bias)? });
         }
         Self::new(provenance, layers)
     }
 }
 
 impl Layer {
-    fn columns(&self) -> Vec<f32> {
-        let column = |i: usize| self.weights.iter().skip(i).step_by(self.inputs).copied();
-        (0..self.inputs).flat_map(column).collect()
+    /// W x + b. After a ReLU about half of x is zero, and what it would be multiplied by is not touched.
+    fn forward(&self, x: &[f32]) -> Vec<f32> {
+        let mut y = self.biases.clone();
+        let column = |i: usize| &self.weights[i * self.outputs..][..self.outputs];
+        let live: Vec<usize> = (0..x.len()).filter(|&i| x[i] != 0.0).collect();
+        let (fours, rest) = live.as_chunks::<4>();
+        for four in fours {
+            add_four(&mut y, four.map(column), four.map(|i| x[i]));
+        }
+        for &i in rest {
+            y.iter_mut().zip(column(i)).for_each(|(y, w)| *y += w * x[i]);
+        }
+        y
     }
 }
 
-/// W x + b with W column by column. After a ReLU about half of x is zero, and its columns are not touched.
-fn forward(columns: &[f32], biases: &[f32], x: &[f32]) -> Vec<f32> {
-    let mut y = biases.to_vec();
-    let column = |i: usize| &columns[i * biases.len()..][..biases.len()];
-    let live: Vec<usize> = (0..x.len()).filter(|&i| x[i] != 0.0).collect();
-    let (fours, rest) = live.as_chunks::<4>();
-    for four in fours {
-        add_four(&mut y, four.map(column), four.map(|i| x[i]));
-    }
-    for &i in rest {
-        y.iter_mut().zip(column(i)).for_each(|(y, w)| *y += w * x[i]);
-    }
-    y
+/// The transpose of a matrix with rows of this length.
+fn turned(numbers: &[f32], row: usize) -> Vec<f32> {
+    (0..row).flat_map(|i| numbers.iter().skip(i).step_by(row).copied()).collect()
 }
 
 /// Four inputs at a time, so that y is read and written once for them.
@@ -259,14 +259,14 @@ mod tests {
     }
 
     fn policy() -> Policy {
-        let hidden = Layer { inputs: 2, outputs: 2, weights: vec![1.0, 0.0, 0.0, -1.0], biases: vec![0.5, 0.25] };
+        let hidden = Layer { inputs: 2, outputs: 2, weights: vec![1.0, 0.5, 0.0, -1.0], biases: vec![0.5, 0.25] };
         let last = Layer { inputs: 2, outputs: 1, weights: vec![2.0, 4.0], biases: vec![-1.0] };
         Policy::new(provenance(), vec![hidden, last]).expect("valid")
     }
 
     #[test]
     fn forward_matches_hand_computation() {
-        // hidden: relu(1·0.25 + .5, −1·1 + .25) = (.75, 0); output: tanh(2·.75 − 1) = tanh(.5)
+        // hidden: relu(1·.25 + 0·1 + .5, .5·.25 − 1·1 + .25) = (.75, 0); output: tanh(2·.75 − 1) = tanh(.5)
         assert_eq!(policy().act(&[0.25, 1.0]), vec![0.5_f32.tanh()]);
     }
 
@@ -278,9 +278,9 @@ mod tests {
             let x: Vec<f32> = (0..inputs).map(|i| if i % 3 == 1 { 0.0 } else { (i as f32).cos() }).collect();
             let layer = Layer { inputs, outputs, weights, biases };
             let expected: Vec<f32> = (0..outputs)
-                .map(|o| (0..inputs).fold(layer.biases[o], |sum, i| sum + layer.weights[o * inputs + i] * x[i]))
+                .map(|o| (0..inputs).fold(layer.biases[o], |sum, i| sum + layer.weights[i * outputs + o] * x[i]))
                 .collect();
-            assert_eq!(forward(&layer.columns(), &layer.biases, &x), expected, "{inputs} to {outputs}");
+            assert_eq!(layer.forward(&x), expected, "{inputs} to {outputs}");
         }
     }
 
@@ -289,6 +289,14 @@ mod tests {
         let bytes = policy().to_safetensors().expect("serialises");
         assert_eq!(bytes, policy().to_safetensors().expect("serialises"));
         assert_eq!(Policy::from_safetensors(&bytes).expect("reads"), policy());
+    }
+
+    #[test]
+    fn files_hold_weights_as_pytorch_does() {
+        let bytes = policy().to_safetensors().expect("serialises");
+        let tensors = SafeTensors::deserialize(&bytes).expect("a file");
+        let weight = tensors.tensor("actor.0.weight").expect("the first layer");
+        assert_eq!(floats(&weight).expect("numbers"), [1.0, 0.0, 0.5, -1.0]);
     }
 
     #[test]

@@ -159,11 +159,10 @@ impl Ddpg {
     pub fn policy_layers(&self) -> Result<Vec<Layer>, Error> {
         let layer = |pair: &[super::networks::Span]| -> Result<Layer, Error> {
             let (inputs, outputs) = (pair[0].shape[0], pair[0].shape[1]);
-            let [by_input, biases] = [&pair[0], &pair[1]].map(|span| self.actor.read(Row::Online, span));
-            let (by_input, biases) = (by_input?, biases?);
-            super::snapshot::check_finite(&format!("actor.{}", pair[0].name), &by_input)?;
+            let [weights, biases] = [&pair[0], &pair[1]].map(|span| self.actor.read(Row::Online, span));
+            let (weights, biases) = (weights?, biases?);
+            super::snapshot::check_finite(&format!("actor.{}", pair[0].name), &weights)?;
             super::snapshot::check_finite(&format!("actor.{}", pair[1].name), &biases)?;
-            let weights = (0..outputs).flat_map(|o| by_input.iter().skip(o).step_by(outputs).copied()).collect();
             Ok(Layer { inputs, outputs, weights, biases })
         };
         self.actor.spans().chunks_exact(2).map(layer).collect()
