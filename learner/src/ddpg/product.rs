@@ -291,6 +291,7 @@ fn pack<const R: usize>(panel: &mut [[f32; R]], a: &Matrix<'_>, first: usize) {
 }
 
 /// A strip's part of R rows of W numbers of C, held in V registers each while it lasts.
+#[expect(clippy::needless_range_loop, reason = "iterators are not unrolled, and then the sums are kept in memory")]
 #[inline(always)]
 fn tile<S: Simd, const R: usize, const V: usize, const W: usize>(
     simd: S,
@@ -299,7 +300,6 @@ fn tile<S: Simd, const R: usize, const V: usize, const W: usize>(
     c: &mut [f32],
     at: At,
 ) {
-    // Plain indices over constant bounds: what is written so is unrolled, and only then do the sums stay in registers.
     let mut sums = [[simd.splat_f32s(0.0); V]; R];
     if at.adds {
         for r in 0..R {
