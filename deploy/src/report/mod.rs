@@ -7,7 +7,7 @@ use crate::out;
 use anyhow::Context;
 use records::Records;
 use std::path::PathBuf;
-use svg::{Plot, Series, Style};
+use svg::{Plot, Scale, Series, Style};
 
 /// Draw the learning curve of a run from its metrics.
 #[derive(clap::Args)]
@@ -54,6 +54,7 @@ fn plot(records: &Records) -> Plot {
         title: "Return over training".into(),
         x_label: "episode".into(),
         y_label: "return (eq 10 summed over an episode, no unit)".into(),
+        x_scale: Scale::Linear,
         series: vec![
             Series { name: "episodes, with noise".into(), style: Style::Faint, points: records.returns.clone() },
             Series {

@@ -11,14 +11,25 @@ pub(crate) struct Plot {
     pub(crate) x_label: String,
     /// Beside it, with the unit.
     pub(crate) y_label: String,
+    /// How x goes along its axis.
+    pub(crate) x_scale: Scale,
     /// What is drawn, first at the bottom.
     pub(crate) series: Vec<Series>,
+}
+
+/// How values go along an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Scale {
+    /// Evenly.
+    Linear,
+    /// By their logarithm; they are positive.
+    Decades,
 }
 
 /// Points of one kind.
 #[derive(Debug)]
 pub(crate) struct Series {
-    /// Its name in the legend.
+    /// Its name in the legend; it is not there if empty.
     pub(crate) name: String,
     /// How it is drawn.
     pub(crate) style: Style,
@@ -40,7 +51,7 @@ pub(crate) enum Style {
 // Sizes in pixels of the drawing.
 const WIDTH: f64 = 860.0;
 const HEIGHT: f64 = 480.0;
-const LEFT: f64 = 72.0;
+const LEFT: f64 = 88.0;
 const RIGHT: f64 = 20.0;
 const TOP: f64 = 64.0;
 const BOTTOM: f64 = 56.0;
@@ -52,16 +63,18 @@ impl Plot {
     pub(crate) fn to_svg(&self) -> String {
         let finite = |(x, y): &&(f64, f64)| x.is_finite() && y.is_finite();
         let points = || self.series.iter().flat_map(|series| &series.points).filter(finite);
-        let x = Axis::around(points().map(|(x, _)| *x), (LEFT, WIDTH - RIGHT));
-        let y = Axis::around(points().map(|(_, y)| *y), (HEIGHT - BOTTOM, TOP));
+        let x = Axis::around(points().map(|(x, _)| *x), self.x_scale, (LEFT, WIDTH - RIGHT));
+        let y = Axis::around(points().map(|(_, y)| *y), Scale::Linear, (HEIGHT - BOTTOM, TOP));
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" width=\"{WIDTH}\" \
              height=\"{HEIGHT}\" font-family=\"sans-serif\" font-size=\"12\" fill=\"#222\">\n\
              <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
         );
         svg += &self.frame(&x, &y);
-        for (index, series) in self.series.iter().enumerate() {
+        for series in &self.series {
             svg += &series.draw(&x, &y);
+        }
+        for (index, series) in self.series.iter().filter(|series| !series.name.is_empty()).enumerate() {
             svg += &series.legend(index);
         }
         svg + "</svg>\n"
@@ -131,8 +144,9 @@ impl Style {
     }
 }
 
-/// Values along one direction of the drawing.
+/// Values along one direction of the drawing. In decades, `from`, `to` and `step` are those of the logarithm.
 struct Axis {
+    scale: Scale,
     from: f64,
     to: f64,
     step: f64,
@@ -141,27 +155,50 @@ struct Axis {
 
 impl Axis {
     /// An axis whose ends are round numbers around all values.
-    fn around(values: impl Iterator<Item = f64>, pixels: (f64, f64)) -> Self {
+    fn around(values: impl Iterator<Item = f64>, scale: Scale, pixels: (f64, f64)) -> Self {
+        let values = values.map(|value| scale.along(value));
         let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
         let (low, high) = if low > high { (0.0, 1.0) } else { (low, high) };
         let span = if high - low > 1e-9 * (1.0 + high.abs()) { high - low } else { 1.0 };
-        let step = round_step(span / TICKS);
+        let step = if scale == Scale::Decades { 1.0 } else { round_step(span / TICKS) };
         let (from, to) = ((low / step).floor() * step, (high / step).ceil() * step);
-        Self { from, to: if to > from { to } else { from + step }, step, pixels }
+        Self { scale, from, to: if to > from { to } else { from + step }, step, pixels }
     }
 
     fn at(&self, value: f64) -> f64 {
         let (first, last) = self.pixels;
-        first + (last - first) * (value - self.from) / (self.to - self.from)
+        first + (last - first) * (self.scale.along(value) - self.from) / (self.to - self.from)
     }
 
     fn ticks(&self) -> Vec<(f64, String)> {
         let count = ((self.to - self.from) / self.step).round() as u32;
         let decimals = (-self.step.log10().floor()).max(0.0) as usize;
         // Adding zero turns −0 into 0.
-        let value = |i: u32| self.from + self.step * f64::from(i) + 0.0;
-        (0..=count).map(|i| (value(i), format!("{:.decimals$}", value(i)))).collect()
+        let along = |i: u32| self.from + self.step * f64::from(i) + 0.0;
+        let value = |i: u32| if self.scale == Scale::Decades { 10.0_f64.powf(along(i)) } else { along(i) };
+        (0..=count).map(|i| (value(i), grouped(&format!("{:.decimals$}", value(i))))).collect()
     }
+}
+
+impl Scale {
+    fn along(self, value: f64) -> f64 {
+        if self == Self::Decades { value.max(f64::MIN_POSITIVE).log10() } else { value }
+    }
+}
+
+/// A number with commas between its thousands.
+fn grouped(number: &str) -> String {
+    let (whole, rest) = number.split_at(number.find('.').unwrap_or(number.len()));
+    let digits = whole.trim_start_matches('-').len();
+    let mut text = String::new();
+    for (i, c) in whole.chars().enumerate() {
+        let left = whole.len() - i;
+        if c != '-' && left < digits && left % 3 == 0 {
+            text.push(',');
+        }
+        text.push(c);
+    }
+    text + rest
 }
 
 /// The smallest of 1, 2, 5 × 10ⁿ that is not below `least`.
@@ -184,12 +221,23 @@ mod tests {
 
     #[test]
     fn axes_end_at_round_numbers() {
-        let axis = Axis::around([-3.0, 178.0].into_iter(), (0.0, 100.0));
+        let axis = Axis::around([-3.0, 178.0].into_iter(), Scale::Linear, (0.0, 100.0));
         let labels: Vec<String> = axis.ticks().into_iter().map(|(_, label)| label).collect();
         assert_eq!(labels, ["-50", "0", "50", "100", "150", "200"]);
         assert_eq!((axis.at(-50.0), axis.at(200.0)), (0.0, 100.0));
-        let fine = Axis::around([0.0, 0.5].into_iter(), (0.0, 1.0)).ticks();
+        let fine = Axis::around([0.0, 0.5].into_iter(), Scale::Linear, (0.0, 1.0)).ticks();
         assert_eq!(fine[1].1, "0.1");
+        let decades = Axis::around([1.0, 300.0].into_iter(), Scale::Decades, (0.0, 3.0));
+        let labels: Vec<String> = decades.ticks().into_iter().map(|(_, label)| label).collect();
+        assert_eq!(labels, ["1", "10", "100", "1,000"]);
+        assert!((decades.at(100.0) - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn thousands_are_told_apart() {
+        for (number, expected) in [("7", "7"), ("-999", "-999"), ("1000", "1,000"), ("-1234567.50", "-1,234,567.50")] {
+            assert_eq!(grouped(number), expected);
+        }
     }
 
     #[test]
@@ -198,6 +246,7 @@ mod tests {
             title: "a < b".into(),
             x_label: "x".into(),
             y_label: "y".into(),
+            x_scale: Scale::Linear,
             series: [Style::Faint, Style::Line, Style::Dots]
                 .map(|style| Series { name: "s".into(), style, points: points.clone() })
                 .into(),

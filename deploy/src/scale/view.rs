@@ -2,7 +2,7 @@
 
 use super::figures::Figures;
 use super::meter::Latency;
-use crate::report::svg::{Plot, Series, Style};
+use crate::report::svg::{Plot, Scale, Series, Style};
 use crate::table::{bytes, columns, count};
 
 /// The table of all points, then the bottleneck of each.
@@ -62,6 +62,7 @@ pub(crate) fn plot(points: &[Figures]) -> String {
         title: "Scaling: what one learner takes in".into(),
         x_label: "actors".into(),
         y_label: "per second".into(),
+        x_scale: Scale::Decades,
         series: drawn,
     };
     plot.to_svg()
