@@ -32,11 +32,11 @@ fn full(transitions: usize) -> Replay {
     replay
 }
 
-fn measure(criterion: &mut Criterion, transitions: usize) {
+fn measure(criterion: &mut Criterion, group: &str, transitions: usize) {
     let (mut replay, batch) = (full(transitions), batch());
     let mut rng = Seed::from_number(1).rng();
     let dims = Dims { observation: OBSERVATION_DIM, action: GAIT_ACTION_DIM };
-    let mut group = criterion.benchmark_group(format!("replay of {transitions}"));
+    let mut group = criterion.benchmark_group(group);
     for size in [64, 256] {
         group.throughput(Throughput::Elements(size as u64));
         let minibatch = Minibatch::new(size, dims).expect("tensors");
@@ -59,11 +59,11 @@ fn resident() -> String {
 }
 
 fn small(criterion: &mut Criterion) {
-    measure(criterion, SMALL);
+    measure(criterion, "replay", SMALL);
 }
 
 fn large(criterion: &mut Criterion) {
-    measure(criterion, LARGE);
+    measure(criterion, "replay-full", LARGE);
 }
 
 criterion_group!(benches, small, large);

@@ -34,7 +34,7 @@ def herd(program, episodes):
 
 def measure(options):
     """The rows of the table."""
-    rounds, seconds, episodes = (1, 2.0, 15) if options.quick else (options.rounds, 5.0, 25)
+    rounds, seconds, episodes = (1, 2.0, 15) if options.quick else (options.rounds, 5.0, 100)
     rates, rows, peers = {"herd": []}, [], []
     program = None if options.no_herd else build()
     for threads in (1, 2):
