@@ -41,8 +41,9 @@ pub const TRAINER_QUEUE: usize = 1024;
 pub const COMMITS_PER_SYNC: usize = 256;
 /// Commands handled between two updates, so that neither starves the other.
 pub const COMMANDS_PER_TURN: usize = 64;
-/// Messages waiting for one actor; an actor that does not read them is disconnected.
-pub const ACTOR_QUEUE: usize = 256;
+/// Messages waiting for one actor; an actor that does not read them is disconnected. One sync may acknowledge
+/// `COMMITS_PER_SYNC` episodes to it at once, with leases for `ROBOTS_PER_ACTOR` behind them.
+pub const ACTOR_QUEUE: usize = 1024;
 /// Messages of one actor that may break the contract before its stream is ended.
 pub const REFUSALS_PER_ACTOR: u32 = 16;
 /// How often one episode is leased before the run stops: beyond it the episode itself is at fault.

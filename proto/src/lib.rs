@@ -13,7 +13,7 @@ pub mod packed;
 pub use error::WireError;
 
 /// Version of the protocol in `Hello`; raised when old peers can no longer talk to new ones.
-pub const PROTOCOL: u32 = 1;
+pub const PROTOCOL: u32 = 2;
 
 /// Version of this build, named when two of them do not agree.
 pub const BUILD: &str = env!("CARGO_PKG_VERSION");

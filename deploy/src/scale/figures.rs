@@ -80,7 +80,7 @@ impl Figures {
         let per_sec = |of: fn(&Status) -> u64| of(&to.status).saturating_sub(of(&from.status)) as f64 / secs;
         let share = |of: fn(&Status) -> f64| ((of(&to.status) - of(&from.status)) / secs).clamp(0.0, 1.0);
         let cores = |of: fn(&Sight) -> f64| (of(to) - of(from)) / secs;
-        let (learner_cores, actors_cores) = (cores(|s| s.learner_cpu_secs), cores(|s| s.actors_cpu_secs));
+        let (learner_cores, actors_cores) = (cores(|s| s.learner_cpu_secs), cores(|s| s.actors_cpu_secs).max(0.0));
         let signs = Signs {
             updates: share(|status| status.time.updates_secs),
             sync: share(|status| status.time.sync_secs),

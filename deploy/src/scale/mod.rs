@@ -18,6 +18,7 @@ use anyhow::Context;
 use figures::Figures;
 use herd_common::caps;
 use herd_common::config::Config;
+use herd_common::config::run::Order;
 use point::{Method, Synthetic};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -83,7 +84,7 @@ struct LoadArgs {
     #[arg(long, requires = "synthetic")]
     deaf: bool,
     /// Episodes per second of all synthetic actors together; as many as go without it.
-    #[arg(long, value_name = "RATE", requires = "synthetic", value_parser = crate::ask::positive)]
+    #[arg(long, value_name = "RATE", requires = "synthetic", value_parser = rate)]
     pace: Option<f64>,
 }
 
@@ -94,10 +95,10 @@ struct ModelArgs {
     #[arg(long, conflicts_with_all = ["run_dir", "synthetic", "json"])]
     model: bool,
     /// Updates per second that the model goes by.
-    #[arg(long, value_name = "RATE", default_value_t = 70.0, value_parser = crate::ask::positive)]
+    #[arg(long, value_name = "RATE", default_value_t = 70.0, value_parser = rate)]
     model_updates: f64,
     /// Durable transitions per second that the model goes by.
-    #[arg(long, value_name = "RATE", default_value_t = 250_000.0, value_parser = crate::ask::positive)]
+    #[arg(long, value_name = "RATE", default_value_t = 250_000.0, value_parser = rate)]
     model_ingest: f64,
 }
 
@@ -144,6 +145,11 @@ fn method(args: &Args, run_dir: &Path, actors: u32) -> anyhow::Result<Method> {
     if args.load.synthetic && u64::from(actors) * u64::from(args.robots) > 4 * config.schedule.lag {
         tracing::warn!(lag = config.schedule.lag, "the schedule keeps most synthetic actors waiting");
     }
+    if args.load.synthetic && actors > 1 && config.schedule.order == Order::Deterministic {
+        let told = "--synthetic with several actors needs --set schedule.order=throughput: in deterministic order those \
+                    that are done wait for the episodes of those that have stopped";
+        return Err(Failure::usage(told).into());
+    }
     if args.load.pace.is_some_and(|pace| f64::from(actors) / pace > 86_400.0) {
         return Err(Failure::usage("--pace is less than an episode a day for each actor").into());
     }
@@ -164,6 +170,13 @@ fn method(args: &Args, run_dir: &Path, actors: u32) -> anyhow::Result<Method> {
         synthetic: args.load.synthetic.then_some(synthetic),
         keep: args.keep,
     })
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(rate) if (1e-3..=1e9).contains(&rate) => Ok(rate),
+        _ => Err("expected a rate a second, 0.001 to 1000000000".to_owned()),
+    }
 }
 
 /// What a measured run is configured with; the user's words come last and win.

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"herd-chk";
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 const PREFIX_BYTES: usize = 8 + 4 + 4;
 const HASH_BYTES: usize = 64;
 const EXTENSION: &str = "ckpt";
@@ -428,7 +428,7 @@ mod tests {
         bytes.extend_from_slice(sha256_hex(&bytes).as_bytes());
         std::fs::write(&path, bytes).expect("written");
         let error = load_newest::<State>(dir.path(), "run", |_| true).expect_err("refused").to_string();
-        assert!(error.ends_with("has format 9, expected 1"), "{error}");
+        assert!(error.ends_with("has format 9, expected 2"), "{error}");
     }
 
     #[test]

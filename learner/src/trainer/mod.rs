@@ -7,8 +7,8 @@
 //! are learned from one by one, in order, so it makes no difference to the run how many there were.
 //!
 //! A turn does one small thing (an update, a commit, a publication), then looks at the commands again, so that neither
-//! learning nor the network starves the other. What a turn does depends on the ledger alone, never on the clock, so
-//! in deterministic order the weights are a function of seed and configuration.
+//! learning nor the network starves the other. When commits are synced depends on the clock; what is learned from them,
+//! and in which order, does not in deterministic order: there the weights are a function of seed and configuration.
 
 mod checkpointing;
 pub mod command;
@@ -51,7 +51,7 @@ use tokio::sync::{mpsc, watch};
 pub enum Ended {
     /// The run has all its episodes.
     Complete,
-    /// It was asked to stop; a checkpoint holds everything.
+    /// It was asked to stop; checkpoint and journal together hold everything.
     Stopped,
 }
 
@@ -192,15 +192,21 @@ impl Trainer {
     /// Commits what is over and whose turn it is with one sync, then acknowledges each episode.
     fn commit_all(&mut self) -> Result<(), Error> {
         let known = self.pending.len();
+        let mut due = Vec::new();
         while let Some((version, outcomes)) = self.ledger.next_evaluation() {
-            self.append(Record::Evaluation { version, outcomes })?;
+            due.push(Record::Evaluation { version, outcomes });
         }
-        while self.pending.len() < caps::COMMITS_PER_SYNC {
+        while known + due.len() < caps::COMMITS_PER_SYNC {
             let Some(committed) = self.ledger.next_commit() else { break };
-            self.append(Record::Episode(committed))?;
+            due.push(Record::Episode(committed));
         }
-        if self.pending.len() == known {
+        if due.is_empty() {
             return Ok(());
+        }
+        self.assert_current()?;
+        for record in due {
+            self.journal.append(&record)?;
+            self.pending.push_back((record, self.journal.position()));
         }
         self.keep()?;
         for (record, _) in self.pending.iter().skip(known) {
@@ -216,17 +222,14 @@ impl Trainer {
         Ok(())
     }
 
-    fn append(&mut self, record: Record) -> Result<(), Error> {
-        self.journal.append(&record)?;
-        self.pending.push_back((record, self.journal.position()));
-        Ok(())
+    /// Fails once another learner has taken the run over: before anything is written, and before it is said to be kept.
+    fn assert_current(&self) -> Result<(), Error> {
+        if self.epoch.is_current()? { Ok(()) } else { Err(Error::Fenced(self.epoch.number())) }
     }
 
     /// Makes what was appended to the journal as durable as the configuration asks.
     fn keep(&mut self) -> Result<(), Error> {
-        if !self.epoch.is_current()? {
-            return Err(Error::Fenced(self.epoch.number()));
-        }
+        self.assert_current()?;
         let begun = self.now();
         match self.config.history.durability {
             Durability::Disk => self.journal.sync()?,
