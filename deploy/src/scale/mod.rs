@@ -95,10 +95,10 @@ struct ModelArgs {
     #[arg(long, conflicts_with_all = ["run_dir", "synthetic", "json"])]
     model: bool,
     /// Updates per second that the model goes by.
-    #[arg(long, value_name = "RATE", default_value_t = 70.0, value_parser = rate)]
+    #[arg(long, value_name = "RATE", default_value_t = 370.0, value_parser = rate)]
     model_updates: f64,
     /// Durable transitions per second that the model goes by.
-    #[arg(long, value_name = "RATE", default_value_t = 250_000.0, value_parser = rate)]
+    #[arg(long, value_name = "RATE", default_value_t = 650_000.0, value_parser = rate)]
     model_ingest: f64,
 }
 

@@ -16,11 +16,15 @@ pub(crate) struct Progress {
     learner: Address,
     stream: Option<StatusStream>,
     last: Option<Status>,
+    /// The learner's uptime at the last plain line, s.
+    told_at: Option<f64>,
     bar: Option<ProgressBar>,
 }
 
-/// Period of the bar and of the plain lines, s.
-const PERIOD_SECS: (f64, f64) = (0.5, 5.0);
+/// Time between two snapshots, s: short enough that the last one is of a complete run.
+const PERIOD_SECS: f64 = 0.5;
+/// Least time between two plain lines, s.
+const PLAIN_SECS: f64 = 5.0;
 const STYLE: &str = "{bar:32} {pos}/{len} episodes  {prefix}\n{wide_msg}";
 
 impl Progress {
@@ -32,7 +36,7 @@ impl Progress {
             bar.set_message("starting");
             bar
         });
-        Self { learner: Address::of_run(run_dir), stream: None, last: None, bar }
+        Self { learner: Address::of_run(run_dir), stream: None, last: None, told_at: None, bar }
     }
 
     /// Waits for the next snapshot and shows it; a learner that is away is waited for. Safe to drop while it waits.
@@ -68,12 +72,17 @@ impl Progress {
     }
 
     async fn connect(&self) -> Result<StatusStream, Error> {
-        let period = if self.bar.is_some() { PERIOD_SECS.0 } else { PERIOD_SECS.1 };
-        Client::connect(&self.learner.resolve()?).await?.watch_status(period).await
+        Client::connect(&self.learner.resolve()?).await?.watch_status(PERIOD_SECS).await
     }
 
-    fn show(&self, status: &Status) {
+    fn show(&mut self, status: &Status) {
         let Some(bar) = &self.bar else {
+            // A learner that was started again counts from 0.
+            let since = self.told_at.map(|at| status.uptime_secs - at).filter(|since| *since >= 0.0);
+            if status.phase == "training" && since.is_some_and(|since| since < PLAIN_SECS) {
+                return;
+            }
+            self.told_at = Some(status.uptime_secs);
             eprintln!("{}/{} episodes  {}", status.episodes, status.episodes_target, line(status));
             return;
         };
