@@ -198,10 +198,15 @@ impl Actors {
         load.meter.clone()
     }
 
-    /// The failure of a synthetic one; waits for as long as there is none.
+    /// The first failure of one; waits for as long as there is none.
     async fn failed(&mut self) -> anyhow::Error {
-        let (Self::Real(_, load) | Self::Synthetic(load)) = self;
-        load.failed().await
+        match self {
+            Self::Synthetic(load) => load.failed().await,
+            Self::Real(children, probe) => tokio::select! {
+                error = probe.failed() => error,
+                error = one_ended(children) => error,
+            },
+        }
     }
 
     /// Ends them; what synthetic ones counted, when all they had begun is acknowledged.
@@ -211,5 +216,19 @@ impl Actors {
             Self::Real(..) => Ok(None),
             Self::Synthetic(load) => Ok(Some(load.finish(PATIENCE).await?.totals())),
         }
+    }
+}
+
+/// The first actor process to end: all of them are to live as long as the measurement.
+async fn one_ended(children: &mut [process::Child]) -> anyhow::Error {
+    loop {
+        for (index, child) in children.iter_mut().enumerate() {
+            match child.try_wait() {
+                Ok(None) => {}
+                Ok(Some(status)) => return anyhow::anyhow!("actor {index} ended while it was measured: {status}"),
+                Err(error) => return anyhow::Error::new(error).context(format!("watch actor {index}")),
+            }
+        }
+        sleep(BETWEEN_LOOKS).await;
     }
 }
