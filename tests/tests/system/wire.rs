@@ -1,5 +1,6 @@
 //! Whatever an actor sends, the learner takes it or refuses it by name, and others train on.
 
+use herd_proto::PROTOCOL;
 use herd_proto::v1::{self, actor_message::Message as Said};
 use herd_tests::patience::{LONG, SHORT};
 use herd_tests::wire::{Raw, finished, hello, piece};
@@ -138,8 +139,9 @@ async fn an_actor_that_goes_on_sending_rubbish_is_shown_the_door() {
 async fn who_cannot_belong_is_refused_before_any_data() {
     let (run, learner, address) = waiting();
     let torque = || "0123456789abcdef".repeat(4);
+    let expects = format!("expects {PROTOCOL}");
     let strangers: [(v1::Hello, Code, &[&str]); 6] = [
-        (v1::Hello { protocol: 99, ..hello() }, Code::FailedPrecondition, &["protocol 99", "expects 1"]),
+        (v1::Hello { protocol: 99, ..hello() }, Code::FailedPrecondition, &["protocol 99", expects.as_str()]),
         (
             v1::Hello { task_hash: torque(), task: "torque".into(), ..hello() },
             Code::FailedPrecondition,
