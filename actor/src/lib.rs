@@ -19,6 +19,8 @@ pub mod explore;
 
 pub mod rollout;
 
+pub mod film;
+
 pub mod trial;
 
 mod backoff;

@@ -34,6 +34,9 @@ pub struct Step {
     pub ending: Option<Ending>,
 }
 
+/// Sees the robot, its ground contact and its joint torques (N·m) after every tick of an episode.
+pub type Observer = Box<dyn FnMut(&RobotState, &Contacts, &[Vector3<f64>; 4]) + Send>;
+
 /// One robot and its task.
 pub struct Env {
     config: Config,
@@ -50,6 +53,7 @@ pub struct Env {
     limit_ticks: u64,
     summary: Summary,
     ending: Option<Ending>,
+    observer: Option<Observer>,
 }
 
 impl Env {
@@ -67,6 +71,7 @@ impl Env {
             limit_ticks: (config.task.episode_secs / config.sim.tick_secs).round() as u64,
             summary: Summary::default(),
             ending: None,
+            observer: None,
             config: config.clone(),
             model,
             world,
@@ -84,6 +89,11 @@ impl Env {
     pub fn with_watcher(mut self, watcher: Watcher) -> Self {
         self.controller.set_watcher(watcher);
         self
+    }
+
+    /// Shows every tick from now on to this observer, or to nobody; what it does changes nothing in the episode.
+    pub fn set_observer(&mut self, observer: Option<Observer>) {
+        self.observer = observer;
     }
 
     /// Starts the episode of this seed.
@@ -161,9 +171,19 @@ impl Env {
         &self.model
     }
 
+    /// Length of a tick, s.
+    pub fn tick_secs(&self) -> f64 {
+        self.config.sim.tick_secs
+    }
+
     /// The reward of the episode so far.
     pub fn reward(&self) -> Reward {
         self.summary.reward()
+    }
+
+    /// The terms of eq 10 at this moment, whether or not a sample is due.
+    pub fn reward_now(&self) -> Reward {
+        self.payer.sample(&self.state, &self.torques)
     }
 
     /// Pushes the trunk with a world force (N) for this many seconds from now on.
@@ -219,6 +239,9 @@ impl Env {
         self.summary.tick(&self.state, &self.contacts, &self.torques, self.config.sim.tick_secs);
         if self.payer.is_due(self.ticks) {
             self.summary.sample(&self.state, self.payer.sample(&self.state, &self.torques));
+        }
+        if let Some(observer) = &mut self.observer {
+            observer(&self.state, &self.contacts, &self.torques);
         }
     }
 

@@ -9,6 +9,6 @@ mod reward;
 mod settle;
 mod summary;
 
-pub use episode::{Env, Step};
+pub use episode::{Env, Observer, Step};
 pub use observation::{Observation, Sense, observe};
 pub use summary::Figures;
