@@ -69,6 +69,8 @@ pub const POLICIES_CACHED: usize = 64;
 pub const UPLINK_QUEUE: usize = 1024;
 /// Control ticks of one decision: 5 s at 500 Hz.
 pub const TICKS_PER_DECISION: usize = 2500;
+/// Most ticks by which a scenario may delay torques: 0.2 s at 500 Hz.
+pub const DELAY_TICKS: u32 = 100;
 /// Iterations of one quadratic programme before the fallback takes over.
 pub const QP_ITERATIONS: usize = 400;
 

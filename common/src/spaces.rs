@@ -42,7 +42,7 @@ pub const TORQUE: Block = block(10, 12, "previous joint torque, FL FR RL RR × r
 /// Sideways position.
 pub const POSITION_Y: Block = block(22, 1, "trunk position y (world)", "m", 1.0);
 /// Height.
-pub const POSITION_Z: Block = block(23, 1, "trunk height z (world) minus the standing height", "m", 0.1);
+pub const POSITION_Z: Block = block(23, 1, "trunk height over the ground minus the standing height", "m", 0.1);
 /// Joint angles relative to the nominal stance.
 pub const JOINT_ANGLE: Block = block(24, 12, "joint angle minus nominal, FL FR RL RR × roll, pitch, knee", "rad", 1.0);
 /// Joint velocities.

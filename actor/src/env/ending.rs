@@ -1,20 +1,27 @@
 //! When an episode is over: the limits whose breach is a fall, and numbers that are none.
+//!
+//! Height counts from the ground below the trunk. On a slope a trunk stands upright anywhere between level and parallel
+//! to the ground; its pitch counts from there.
 
-use crate::sim::{Contacts, RobotState};
+use crate::sim::{Contacts, Ground, RobotState};
 use herd_common::config::task;
 use herd_common::episode::{Ending, Fall};
 
 /// The ending that this state calls for, if any; the time limit is not a matter of state.
-pub(super) fn of(state: &RobotState, contacts: &Contacts, limits: &task::Ending) -> Option<Ending> {
+pub(super) fn of(state: &RobotState, contacts: &Contacts, ground: &Ground, limits: &task::Ending) -> Option<Ending> {
     if !state.is_finite() {
         return Some(Ending::Diverged);
     }
     let angles = state.angles();
+    // Uphill, a trunk parallel to the ground has its nose up: a negative pitch.
+    let parallel = -ground.slope_rad();
+    let pitch = angles.y - angles.y.clamp(parallel.min(0.0), parallel.max(0.0));
+    let height = state.position.z - ground.height(state.position.x, state.position.y);
     [
         (angles.x.abs() > limits.roll_rad, Fall::Roll),
-        (angles.y.abs() > limits.pitch_rad, Fall::Pitch),
+        (pitch.abs() > limits.pitch_rad, Fall::Pitch),
         (angles.z.abs() > limits.yaw_rad, Fall::Yaw),
-        (state.position.z < limits.height_m, Fall::Height),
+        (height < limits.height_m, Fall::Height),
         (contacts.trunk, Fall::TrunkContact),
         (contacts.knee, Fall::KneeContact),
     ]
@@ -26,19 +33,31 @@ pub(super) fn of(state: &RobotState, contacts: &Contacts, limits: &task::Ending)
 mod tests {
     use super::*;
     use herd_common::config::Config;
+    use herd_common::seed::Seed;
     use nalgebra::{UnitQuaternion, Vector3};
 
     #[track_caller]
     fn check(angles: [f64; 3], height: f64, contacts: Contacts, expected: Option<Ending>) {
+        check_on(&Ground::level(), angles, Vector3::new(0.0, 0.0, height), contacts, expected);
+    }
+
+    #[track_caller]
+    fn check_on(
+        ground: &Ground,
+        angles: [f64; 3],
+        position: Vector3<f64>,
+        contacts: Contacts,
+        expected: Option<Ending>,
+    ) {
         let state = RobotState {
-            position: Vector3::new(0.0, 0.0, height),
+            position,
             rotation: UnitQuaternion::from_euler_angles(angles[0], angles[1], angles[2]),
             velocity: Vector3::zeros(),
             angular_velocity: Vector3::zeros(),
             joints: [Vector3::zeros(); 4],
             joint_speeds: [Vector3::zeros(); 4],
         };
-        assert_eq!(of(&state, &contacts, &Config::default().task.ending), expected);
+        assert_eq!(of(&state, &contacts, ground, &Config::default().task.ending), expected);
     }
 
     #[test]
@@ -52,5 +71,21 @@ mod tests {
         check([0.0; 3], 0.18, Contacts { trunk: true, ..clear }, Some(Ending::Fell(Fall::TrunkContact)));
         check([0.0; 3], 0.18, Contacts { knee: true, ..clear }, Some(Ending::Fell(Fall::KneeContact)));
         check([0.0; 3], f64::NAN, clear, Some(Ending::Diverged));
+    }
+
+    #[test]
+    fn limits_count_from_the_ground() {
+        let slope = 15.0_f64.to_radians();
+        let ground = Ground::new(slope, 0.0, 0.0, Seed::from_number(1));
+        let place = |height: f64| Vector3::new(2.0, 1.0, 2.0 * slope.tan() + height);
+        let check = |pitch: f64, height: f64, expected| {
+            check_on(&ground, [0.0, pitch, 0.0], place(height), Contacts::default(), expected);
+        };
+        check(-slope, 0.18, None);
+        check(-slope - 0.34, 0.12, None);
+        check(0.34, 0.12, None);
+        check(-slope - 0.36, 0.18, Some(Ending::Fell(Fall::Pitch)));
+        check(0.36, 0.18, Some(Ending::Fell(Fall::Pitch)));
+        check(0.0, 0.11, Some(Ending::Fell(Fall::Height)));
     }
 }

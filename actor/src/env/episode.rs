@@ -6,17 +6,20 @@
 
 use super::observation::{Observation, Sense, observe};
 use super::reward::Payer;
+use super::scenario::{Push, Scenario};
+use super::sensor::Sensor;
 use super::summary::{Figures, Summary};
 use super::{ending, settle};
 use crate::control::{Body, Controller, Latency, Timer, Watcher};
 use crate::gait::Pair;
 use crate::robot::{GRAVITY, Model};
-use crate::sim::{Contacts, RobotState, World};
+use crate::sim::{Contacts, Ground, RobotState, World};
 use herd_common::config::Config;
 use herd_common::episode::{Ending, Outcome, Reward};
 use herd_common::seed::Seed;
 use herd_common::spaces::Task;
 use nalgebra::{Vector3, Vector4};
+use std::collections::VecDeque;
 
 /// Ticks over which foot forces are averaged for the observation: contact impulses of one tick are spiky.
 const FORCE_TICKS: usize = 5;
@@ -43,9 +46,15 @@ pub struct Env {
     model: Model,
     controller: Controller,
     payer: Payer,
+    scenario: Scenario,
+    sensor: Sensor,
     world: World,
     state: RobotState,
+    /// The state as the robot measures it.
+    sensed: RobotState,
     contacts: Contacts,
+    /// Torques (N·m) that have yet to act, oldest first.
+    late: VecDeque<[Vector3<f64>; 4]>,
     /// Foot forces of the last ticks, normal and friction, N.
     forces: [(Vector4<f64>, Vector4<f64>); FORCE_TICKS],
     torques: [Vector3<f64>; 4],
@@ -60,7 +69,10 @@ impl Env {
     /// An environment for this configuration, reset with a seed of its own; call `reset` before an episode.
     pub fn new(config: &Config) -> Self {
         let model = Model::new(&config.robot);
-        let (world, state) = settle::world(&model, config, Seed::from_number(config.seed));
+        let seed = Seed::from_number(config.seed);
+        let scenario = Scenario::draw(config, seed);
+        let (world, _) = settle::world(&model, config, &scenario.site, seed);
+        let state = world.state();
         Self {
             controller: Controller::new(config, &model),
             payer: Payer::new(&config.task, model.torque_max, config.sim.tick_secs),
@@ -72,9 +84,13 @@ impl Env {
             summary: Summary::default(),
             ending: None,
             observer: None,
+            sensor: Sensor::new(scenario.noise, seed),
+            late: VecDeque::new(),
             config: config.clone(),
             model,
+            scenario,
             world,
+            sensed: state.clone(),
             state,
         }
     }
@@ -98,7 +114,13 @@ impl Env {
 
     /// Starts the episode of this seed.
     pub fn reset(&mut self, seed: Seed) -> Observation {
-        (self.world, self.state) = settle::world(&self.model, &self.config, seed);
+        self.scenario = Scenario::draw(&self.config, seed);
+        let (world, held) = settle::world(&self.model, &self.config, &self.scenario.site, seed);
+        self.world = world;
+        self.late = VecDeque::from(vec![held; self.scenario.delay_ticks]);
+        self.sensor = Sensor::new(self.scenario.noise, seed);
+        self.state = self.world.state();
+        self.sensed = self.sensor.measure(&self.state);
         self.contacts = self.world.contacts();
         self.controller.reset();
         self.forces = [(Vector4::zeros(), Vector4::zeros()); FORCE_TICKS];
@@ -148,7 +170,7 @@ impl Env {
 
     /// How well the robot walked so far, if it was asked for `wanted` m/s.
     pub fn figures(&self, wanted: f64) -> Figures {
-        self.summary.figures(wanted, self.model.mass() * GRAVITY)
+        self.summary.figures(wanted, (self.model.mass() + self.scenario.site.payload_kg) * GRAVITY)
     }
 
     /// How long the MPC's solver took, over all episodes; empty without a timer.
@@ -156,7 +178,12 @@ impl Env {
         self.controller.latency()
     }
 
-    /// The robot's state, for reports and recordings.
+    /// The ground of this episode.
+    pub fn ground(&self) -> &Ground {
+        &self.scenario.site.ground
+    }
+
+    /// The robot's true state, for reports and recordings.
     pub fn state(&self) -> &RobotState {
         &self.state
     }
@@ -191,10 +218,17 @@ impl Env {
         self.world.push(force, (secs / self.config.sim.tick_secs).round() as u32);
     }
 
+    /// The same, but `delay_secs` from now, in the middle of a decision too; call it after `reset`.
+    pub fn push_after(&mut self, delay_secs: f64, force: &Vector3<f64>, secs: f64) {
+        let ticks = |secs: f64| (secs / self.config.sim.tick_secs).round();
+        let push = Push { force: *force, ticks: ticks(secs) as u32 };
+        self.scenario.pushes.insert(self.ticks + ticks(delay_secs) as u64, push);
+    }
+
     fn step_gait(&mut self, gait: &herd_common::config::task::Constant) {
-        let ticks = self.controller.begin(gait, &Body::new(&self.model, &self.state));
+        let ticks = self.controller.begin(gait, &Body::new(&self.model, &self.sensed));
         for _ in 0..ticks {
-            let torques = self.controller.torques(&Body::new(&self.model, &self.state), &self.contacts);
+            let torques = self.controller.torques(&Body::new(&self.model, &self.sensed), &self.contacts);
             self.tick(torques);
             if self.is_over() {
                 return;
@@ -221,9 +255,14 @@ impl Env {
     }
 
     fn tick(&mut self, torques: [Vector3<f64>; 4]) {
-        self.world.tick(&torques);
-        self.torques = torques;
+        if let Some(push) = self.scenario.pushes.remove(&self.ticks) {
+            self.world.push(&push.force, push.ticks);
+        }
+        self.late.push_back(torques);
+        self.torques = self.late.pop_front().unwrap_or(torques);
+        self.world.tick(&self.torques);
         self.state = self.world.state();
+        self.sensed = self.sensor.measure(&self.state);
         self.contacts = self.world.contacts();
         self.ticks += 1;
         self.forces[self.ticks as usize % FORCE_TICKS] =
@@ -231,7 +270,7 @@ impl Env {
         self.ending = if self.world.has_diverged() {
             Some(Ending::Diverged)
         } else {
-            ending::of(&self.state, &self.contacts, &self.config.task.ending)
+            ending::of(&self.state, &self.contacts, self.ground(), &self.config.task.ending)
         };
         if self.ending == Some(Ending::Diverged) {
             return;
@@ -258,8 +297,9 @@ impl Env {
             && self.controller.next_pair() == Pair::FrontRightRearLeft;
         let mean = |sum: Vector4<f64>| (sum / FORCE_TICKS as f64).into();
         let sense = Sense {
-            state: &self.state,
+            state: &self.sensed,
             torques: &self.torques,
+            ground: self.ground().height(self.state.position.x, self.state.position.y),
             normal: mean(self.forces.iter().map(|(normal, _)| normal).sum()),
             friction: mean(self.forces.iter().map(|(_, friction)| friction).sum()),
         };
@@ -379,5 +419,71 @@ mod tests {
         env.push(&Vector3::new(0.0, 2000.0, 0.0), 0.1);
         let ending = (0..10).find_map(|_| env.step(&[]).ending);
         assert!(ending.is_some_and(Ending::is_fall), "{ending:?}");
+    }
+
+    /// Everything at once.
+    const HARD: [&str; 9] = [
+        "task.episode_secs=1",
+        "scenario.friction_factor=[0.5, 1.2]",
+        "scenario.payload_kg=[0, 3]",
+        "scenario.slope_deg=[0, 5]",
+        "scenario.bump_m=[0.005, 0.01]",
+        "scenario.step_m=[0.005, 0.01]",
+        "scenario.push_ns=[1, 3]",
+        "scenario.noise=[0.5, 1]",
+        "scenario.delay_ticks=[0, 1]",
+    ];
+
+    #[test]
+    fn a_scenario_depends_on_its_seed_alone() {
+        let mut used = env(&HARD);
+        let action = [0.2, 0.1, 0.0, -0.5];
+        let first = trace(&mut used, 5, &action);
+        let other = trace(&mut used, 6, &action);
+        assert_eq!(trace(&mut used, 5, &action), first, "after another episode");
+        assert_eq!(trace(&mut env(&HARD), 6, &action), other, "in a new environment");
+        assert_ne!(first, other);
+    }
+
+    #[test]
+    fn torques_act_as_late_as_the_scenario_says() {
+        let at = |delay: &str, decisions: usize| {
+            let mut env = env(&["task.kind=torque", "task.torque.decision_secs=0.002", delay]);
+            env.reset(Seed::from_number(1));
+            (0..decisions).for_each(|n| assert_eq!(env.step(&[0.01 * n as f32; 12]).ending, None));
+            *env.torques()
+        };
+        let (now, late) = ("scenario.delay_ticks=[0, 0]", "scenario.delay_ticks=[2, 2]");
+        assert_eq!(at(late, 5), at(now, 3));
+        assert!(at(late, 2)[0].norm() > 0.5, "the torques that settled the robot go on: {:?}", at(late, 2));
+    }
+
+    #[test]
+    fn a_later_push_comes_on_its_tick() {
+        let begins = |delay_secs: f64| {
+            let run = |push: f64| {
+                let mut env = env(&["task.kind=torque", "task.torque.decision_secs=0.002"]);
+                env.reset(Seed::from_number(1));
+                env.push_after(delay_secs, &Vector3::new(0.0, push, 0.0), 0.01);
+                (0..20).map(|_| (env.step(&[0.0; 12]), env.state().velocity.y).1).collect::<Vec<_>>()
+            };
+            let (still, pushed) = (run(0.0), run(50.0));
+            still.iter().zip(&pushed).position(|(a, b)| a != b)
+        };
+        assert_eq!((begins(0.0), begins(0.02)), (Some(0), Some(10)));
+    }
+
+    #[test]
+    fn policy_and_controller_see_noise_and_the_reward_does_not() {
+        let seen = |noise: &str| {
+            let mut env = env(&[noise]);
+            let observation = env.reset(Seed::from_number(2));
+            (observation, env.state().clone())
+        };
+        let ((exact, state), (noisy, same)) = (seen("scenario.noise=[0, 0]"), seen("scenario.noise=[1, 1]"));
+        assert_eq!(state, same);
+        let speed = herd_common::spaces::JOINT_VELOCITY;
+        let differs = (speed.start..speed.start + speed.len).filter(|i| exact[*i] != noisy[*i]).count();
+        assert_eq!(differs, 12);
     }
 }

@@ -1,11 +1,14 @@
 //! The environment: one robot, one task, episodes of decisions.
 //!
-//! `observation` is what the policy sees, `reward` what it is paid for, `ending` when it is over; `episode` runs it.
+//! `observation` is what the policy sees, `reward` what it is paid for, `ending` when it is over; `scenario` is what the
+//! robot meets, `sensor` what it measures; `episode` runs it.
 
 mod ending;
 mod episode;
 mod observation;
 mod reward;
+mod scenario;
+mod sensor;
 mod settle;
 mod summary;
 

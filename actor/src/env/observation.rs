@@ -22,6 +22,8 @@ pub struct Sense<'a> {
     pub normal: [f64; 4],
     /// Friction force on each foot, N.
     pub friction: [f64; 4],
+    /// Height of the ground below the trunk, world, m.
+    pub ground: f64,
 }
 
 /// The observation, mirrored if asked.
@@ -37,7 +39,7 @@ pub fn observe(model: &Model, sense: &Sense<'_>, mirrored: bool) -> Observation 
     put(&mut out, spaces::QUATERNION, [q.w, sign * q.i, q.j, sign * q.k].map(|x| half * x));
     put(&mut out, spaces::ANGLES, [sign * angles.x, angles.y, sign * angles.z]);
     put(&mut out, spaces::POSITION_Y, [sign * state.position.y]);
-    put(&mut out, spaces::POSITION_Z, [state.position.z - model.standing_height()]);
+    put(&mut out, spaces::POSITION_Z, [state.position.z - sense.ground - model.standing_height()]);
     let shown = Leg::ALL.map(|leg| if mirrored { leg.mirrored() } else { leg });
     let joints = |of: &dyn Fn(Leg) -> Vector3<f64>| {
         shown
@@ -86,8 +88,8 @@ mod tests {
     fn seen(state: &RobotState, mirrored: bool) -> Observation {
         let model = Model::new(&Config::default().robot);
         let torques = std::array::from_fn(|i| Vector3::new(1.0, 2.0, i as f64));
-        let sense =
-            Sense { state, torques: &torques, normal: [10.0, 20.0, 30.0, 500.0], friction: [1.0, 2.0, 3.0, 4.0] };
+        let (normal, friction) = ([10.0, 20.0, 30.0, 500.0], [1.0, 2.0, 3.0, 4.0]);
+        let sense = Sense { state, torques: &torques, normal, friction, ground: 0.01 };
         observe(&model, &sense, mirrored)
     }
 
@@ -115,6 +117,8 @@ mod tests {
         expect(spaces::ANGLES, 2, 0.2 / 0.35);
         expect(spaces::TORQUE, 11, 0.1);
         expect(spaces::POSITION_Y, 0, 0.2);
+        let standing = Model::new(&Config::default().robot).standing_height() as f32;
+        expect(spaces::POSITION_Z, 0, (0.16 - standing) / 0.1);
         expect(spaces::JOINT_ANGLE, 9, 0.4);
         expect(spaces::JOINT_VELOCITY, 5, 0.08);
         expect(spaces::NORMAL_FORCE, 3, 1.0);

@@ -9,4 +9,5 @@ pub use leg::Leg;
 /// Standard gravity, m/s², along −z of the world.
 pub const GRAVITY: f64 = 9.81;
 
+pub(crate) use model::box_inertia;
 pub use model::{Composite, Link, Model};

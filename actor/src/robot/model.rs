@@ -3,7 +3,7 @@
 //! Rigid links: the trunk, and for each leg hip, thigh and calf. The trunk's centre of mass is the origin of the body
 //! frame. Thigh and calf are rods, the hip a cube. Rotor inertia is not part of the links: it acts on joints only.
 
-use super::{Geometry, Leg, LegPoint, Posture};
+use super::{GRAVITY, Geometry, Leg, LegPoint, Posture};
 use herd_common::config::robot;
 use nalgebra::{Matrix3, Vector3};
 
@@ -123,6 +123,13 @@ impl Model {
         self.trunk_mass + 4.0 * self.links.iter().map(|link| link.mass).sum::<f64>()
     }
 
+    /// The force of the ground on a foot (world, N) that holds its part of the robot standing parallel to a slope that
+    /// rises along x by this angle (rad): rear legs carry the more the steeper it is uphill.
+    pub fn standing_force(&self, leg: Leg, slope_rad: f64) -> Vector3<f64> {
+        let lean = slope_rad.tan() * self.standing_height() / self.geometry.hip(leg).x;
+        Vector3::new(0.0, 0.0, self.mass() * GRAVITY / 4.0 * (1.0 - lean))
+    }
+
     /// Centre of mass in the body frame, m.
     pub fn centre(&self, legs: &[Posture; 4]) -> Vector3<f64> {
         let moment: Vector3<f64> = self.parts(legs).map(|(_, link, leg)| link.mass * leg.position(link.centre)).sum();
@@ -174,7 +181,7 @@ fn link_rotation(q: &Vector3<f64>, link: &Link) -> Matrix3<f64> {
 }
 
 /// Inertia of a uniform box about its centre, kg m².
-fn box_inertia(mass: f64, size: &Vector3<f64>) -> Matrix3<f64> {
+pub(crate) fn box_inertia(mass: f64, size: &Vector3<f64>) -> Matrix3<f64> {
     let [x, y, z] = [size.x.powi(2), size.y.powi(2), size.z.powi(2)];
     Matrix3::from_diagonal(&Vector3::new(y + z, x + z, x + y)) * (mass / 12.0)
 }
@@ -213,6 +220,20 @@ mod tests {
     #[test]
     fn standing_height_is_the_leg_and_the_foot() {
         assert!((model().standing_height() - 0.182_65).abs() < 1e-4);
+    }
+
+    #[test]
+    fn standing_forces_balance_on_a_slope() {
+        let (model, slope) = (model(), 0.2);
+        let force = |leg| model.standing_force(leg, slope);
+        let total: Vector3<f64> = Leg::ALL.into_iter().map(force).sum();
+        assert!((total.z - model.mass() * GRAVITY).abs() < 1e-9);
+        // About the centre of mass, along and across the slope.
+        let moment = |leg: Leg| {
+            let (along, across) = (force(leg).z * slope.sin(), force(leg).z * slope.cos());
+            across * model.geometry.hip(leg).x + along * model.standing_height()
+        };
+        assert!(Leg::ALL.into_iter().map(moment).sum::<f64>().abs() < 1e-9);
     }
 
     #[test]

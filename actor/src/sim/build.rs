@@ -6,14 +6,15 @@
 //! free root's included, is replaced by that of the robot's joints. Legs do not collide with one another.
 
 use super::convert::{matrix_to_sim, rotation_to_sim, vector_to_sim};
-use super::world::Start;
-use crate::robot::{Leg, Link, Model};
+use super::terrain;
+use super::world::{Site, Start};
+use crate::robot::{Leg, Link, Model, box_inertia};
 use herd_common::config::sim;
 use nalgebra::{Matrix3, Vector3};
 use rapier3d::prelude::*;
 
-/// Half the edge of the ground, m: far beyond any episode.
-const GROUND_HALF: f32 = 500.0;
+/// Edges of the payload, a box of even density that stands on the trunk, m; guess: a sandbag of a few kilograms.
+const PAYLOAD_SIZE: [f64; 3] = [0.12, 0.08, 0.06];
 /// Radius of the sphere at each knee that notices the ground, m; guess after the width of a thigh.
 const KNEE_RADIUS: f32 = 0.012;
 /// Degrees of freedom of the free root.
@@ -35,8 +36,8 @@ pub(super) struct Handles {
     pub(super) knees: [ColliderHandle; 4],
 }
 
-/// A world with gravity along −z and rapier's settings as configured.
-pub(super) fn world(config: &sim::Config) -> PhysicsWorld {
+/// A world with this ground, gravity along −z and rapier's settings as configured.
+pub(super) fn world(config: &sim::Config, site: &Site) -> PhysicsWorld {
     let mut world = PhysicsWorld::new();
     world.gravity = Vector::new(0.0, 0.0, -crate::robot::GRAVITY as f32);
     let parameters = &mut world.integration_parameters;
@@ -47,16 +48,21 @@ pub(super) fn world(config: &sim::Config) -> PhysicsWorld {
     parameters.contact_recycling = false;
     parameters.static_contact_softness =
         SpringCoefficients::new(config.contact_hz as f32, config.contact_damping_ratio as f32);
-    let ground = ColliderBuilder::cuboid(GROUND_HALF, GROUND_HALF, 1.0)
-        .translation(Vector::new(0.0, 0.0, -1.0))
-        .friction(config.ground_friction as f32)
-        .collision_groups(groups(Group::GROUP_1, Group::GROUP_2));
-    world.insert_collider(ground, None);
+    for ground in terrain::colliders(&site.ground) {
+        let ground = ground.friction(friction(config, site)).collision_groups(groups(Group::GROUP_1, Group::GROUP_2));
+        world.insert_collider(ground, None);
+    }
     world
 }
 
 /// Puts the robot into the world with the pose and angles of `start`, at rest.
-pub(super) fn robot(world: &mut PhysicsWorld, model: &Model, config: &sim::Config, start: &Start) -> Handles {
+pub(super) fn robot(
+    world: &mut PhysicsWorld,
+    model: &Model,
+    config: &sim::Config,
+    site: &Site,
+    start: &Start,
+) -> Handles {
     let trunk = RigidBodyBuilder::dynamic()
         .translation(vector_to_sim(&start.position))
         .rotation(rotation_to_sim(&start.rotation).to_scaled_axis())
@@ -65,7 +71,8 @@ pub(super) fn robot(world: &mut PhysicsWorld, model: &Model, config: &sim::Confi
     let trunk = world.insert_body(trunk);
     let size = model.trunk_size / 2.0;
     let trunk_box = ColliderBuilder::cuboid(size.x as f32, size.y as f32, size.z as f32);
-    let trunk_box = world.insert_collider(robot_collider(trunk_box, config), Some(trunk));
+    let friction = friction(config, site);
+    let trunk_box = world.insert_collider(robot_collider(trunk_box, friction), Some(trunk));
     let mut handles = Handles {
         trunk,
         links: [[trunk; 3]; 4],
@@ -75,14 +82,17 @@ pub(super) fn robot(world: &mut PhysicsWorld, model: &Model, config: &sim::Confi
         knees: [trunk_box; 4],
     };
     for leg in Leg::ALL {
-        add_leg(world, model, config, leg, &mut handles);
+        add_leg(world, model, friction, leg, &mut handles);
+    }
+    if site.payload_kg > 0.0 {
+        add_payload(world, model, site.payload_kg, trunk);
     }
     pose(world, model, &handles, start);
     handles
 }
 
 /// Adds hip, thigh and calf, parents before children.
-fn add_leg(world: &mut PhysicsWorld, model: &Model, config: &sim::Config, leg: Leg, handles: &mut Handles) {
+fn add_leg(world: &mut PhysicsWorld, model: &Model, friction: f32, leg: Leg, handles: &mut Handles) {
     let geometry = &model.geometry;
     let anchors = [
         geometry.hip(leg),
@@ -105,10 +115,24 @@ fn add_leg(world: &mut PhysicsWorld, model: &Model, config: &sim::Config, leg: L
         handles.joints[leg.index()][i] = joint;
         parent = body;
     }
-    let ball = |radius: f32| robot_collider(ColliderBuilder::ball(radius), config);
+    let ball = |radius: f32| robot_collider(ColliderBuilder::ball(radius), friction);
     let foot = ball(model.foot_radius as f32).translation(Vector::new(0.0, 0.0, -geometry.calf as f32));
     handles.feet[leg.index()] = world.insert_collider(foot, Some(parent));
     handles.knees[leg.index()] = world.insert_collider(ball(KNEE_RADIUS), Some(parent));
+}
+
+/// Fixes a box to the top of the trunk. It is a link of its own: the root's frame has to stay in its centre of mass.
+fn add_payload(world: &mut PhysicsWorld, model: &Model, mass: f64, trunk: RigidBodyHandle) {
+    let size = Vector3::from(PAYLOAD_SIZE);
+    let body = RigidBodyBuilder::dynamic().can_sleep(false).additional_mass_properties(properties(
+        mass,
+        &Vector3::zeros(),
+        &box_inertia(mass, &size),
+    ));
+    let body = world.insert_body(body);
+    let place = Vector3::new(0.0, 0.0, (model.trunk_size.z + size.z) / 2.0);
+    let joint = FixedJointBuilder::new().local_anchor1(vector_to_sim(&place)).contacts_enabled(false);
+    world.insert_multibody_joint(trunk, body, joint).expect("a tree has no cycle");
 }
 
 /// Sets damping, rotor inertia and joint angles once the tree is complete.
@@ -141,12 +165,14 @@ pub(super) fn dof(world: &PhysicsWorld, joint: MultibodyJointHandle) -> usize {
     multibody.link(id).expect("the joint's own link").assembly_id()
 }
 
-fn robot_collider(collider: ColliderBuilder, config: &sim::Config) -> ColliderBuilder {
+/// μ between the robot and the ground.
+fn friction(config: &sim::Config, site: &Site) -> f32 {
+    (config.ground_friction * site.friction_factor) as f32
+}
+
+fn robot_collider(collider: ColliderBuilder, friction: f32) -> ColliderBuilder {
     // Densities of zero: the bodies carry exact mass properties. Friction is the ground's own, whatever the average.
-    collider
-        .density(0.0)
-        .friction(config.ground_friction as f32)
-        .collision_groups(groups(Group::GROUP_2, Group::GROUP_1))
+    collider.density(0.0).friction(friction).collision_groups(groups(Group::GROUP_2, Group::GROUP_1))
 }
 
 fn groups(member: Group, with: Group) -> InteractionGroups {

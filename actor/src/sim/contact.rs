@@ -32,18 +32,18 @@ pub(super) fn read(world: &PhysicsWorld, handles: &Handles) -> Contacts {
 /// Normal force and friction magnitude on a collider, N.
 fn force(world: &PhysicsWorld, collider: ColliderHandle) -> (f64, f64) {
     let mut normal = 0.0;
-    let mut friction = Vector2::zeros();
-    for pair in world.narrow_phase.contact_pairs_with(collider) {
-        for point in pair.solver_manifolds().iter().flat_map(|manifold| &manifold.points) {
-            normal += f64::from(point.data.impulse);
-            friction += point.data.tangent_impulse.cast::<f64>();
-        }
+    let mut friction = 0.0;
+    for manifold in world.narrow_phase.contact_pairs_with(collider).flat_map(|pair| pair.solver_manifolds()) {
+        normal += manifold.points.iter().map(|point| f64::from(point.data.impulse)).sum::<f64>();
+        // Only within one manifold do tangents share their directions.
+        friction +=
+            manifold.points.iter().map(|point| point.data.tangent_impulse.cast::<f64>()).sum::<Vector2>().norm();
     }
     let dt = f64::from(world.integration_parameters.dt);
-    (normal / dt, friction.norm() / dt)
+    (normal / dt, friction / dt)
 }
 
-type Vector2<T> = rapier3d::na::Vector2<T>;
+type Vector2 = rapier3d::na::Vector2<f64>;
 
 fn touches(world: &PhysicsWorld, collider: ColliderHandle) -> bool {
     force(world, collider).0 > 0.0

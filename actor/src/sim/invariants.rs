@@ -7,12 +7,12 @@ use herd_common::config::Config;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// Mass, inertia (world), position, velocity, angular velocity of one rigid link.
-struct Rigid {
-    mass: f64,
-    inertia: Matrix3<f64>,
-    position: Vector3<f64>,
-    velocity: Vector3<f64>,
-    spin: Vector3<f64>,
+pub(super) struct Rigid {
+    pub(super) mass: f64,
+    pub(super) inertia: Matrix3<f64>,
+    pub(super) position: Vector3<f64>,
+    pub(super) velocity: Vector3<f64>,
+    pub(super) spin: Vector3<f64>,
 }
 
 fn setup(height: f64, sets: &[&str]) -> (Config, Model, World) {
@@ -29,7 +29,7 @@ fn setup(height: f64, sets: &[&str]) -> (Config, Model, World) {
 }
 
 /// Every link of the robot, from kinematics alone.
-fn links(model: &Model, world: &World) -> Vec<Rigid> {
+pub(super) fn links(model: &Model, world: &World) -> Vec<Rigid> {
     let state = world.state();
     let rotation = state.rotation.to_rotation_matrix();
     let (w, v) = (state.angular_velocity, state.velocity);
@@ -66,7 +66,7 @@ fn links(model: &Model, world: &World) -> Vec<Rigid> {
     all
 }
 
-fn momentum(links: &[Rigid]) -> Vector3<f64> {
+pub(super) fn momentum(links: &[Rigid]) -> Vector3<f64> {
     links.iter().map(|link| link.velocity * link.mass).sum()
 }
 
@@ -92,7 +92,7 @@ fn energy(model: &Model, world: &World) -> f64 {
 }
 
 /// Different torques on every joint, N·m.
-fn torques(scale: f64) -> [Vector3<f64>; 4] {
+pub(super) fn torques(scale: f64) -> [Vector3<f64>; 4] {
     [0.3, -0.7, 1.0, -0.2].map(|x| Vector3::new(x, 1.0 - x, -0.5 * x) * scale)
 }
 
@@ -155,16 +155,20 @@ fn the_free_root_is_not_damped() {
     assert!((momentum(&links(&model, &world)).x - before).abs() < 0.01);
 }
 
-/// Holds the nominal stance by PD with the weight fed forward.
+/// Holds the nominal stance by PD with the weight fed forward, on level ground.
 fn stand(model: &Model, world: &mut World, ticks: usize) {
-    let share = Vector3::new(0.0, 0.0, model.mass() * GRAVITY / 4.0);
+    stand_on(model, world, 0.0, ticks);
+}
+
+/// The same on a slope, rad.
+pub(super) fn stand_on(model: &Model, world: &mut World, slope_rad: f64, ticks: usize) {
     for _ in 0..ticks {
         let state = world.state();
         let body = Body::new(model, &state);
         let torques = Leg::ALL.map(|leg| {
             let i = leg.index();
             (model.nominal(leg) - state.joints[i]) * 150.0 - state.joint_speeds[i] * 3.0
-                + body.stance_torques(leg, &share)
+                + body.stance_torques(leg, &model.standing_force(leg, slope_rad))
         });
         world.tick(&torques);
     }

@@ -3,9 +3,14 @@
 mod build;
 mod contact;
 mod convert;
+mod ground;
 #[cfg(test)]
 mod invariants;
+#[cfg(test)]
+mod site_invariants;
+mod terrain;
 mod world;
 
 pub use contact::Contacts;
-pub use world::{RobotState, Start, World};
+pub use ground::Ground;
+pub use world::{RobotState, Site, Start, World};

@@ -1,16 +1,35 @@
-//! One robot on level ground, advanced tick by tick under joint torques.
+//! One robot on its ground, advanced tick by tick under joint torques.
 //!
-//! World frame: z up, ground at z = 0. Torques act between the two links of a joint along its axis, which is exactly
+//! World frame: z up, level ground at z = 0. Torques act between the two links of a joint along its axis, which is exactly
 //! a generalised force on that joint. Forces persist in rapier until reset, so each tick resets them. Velocities come
 //! from the multibody's generalised ones: those of the bodies lag by a solver step.
 
 use super::build::{self, Handles, ROOT_DOFS};
 use super::contact::{self, Contacts};
 use super::convert::{rotation_from_sim, vector_from_sim, vector_to_sim};
+use super::ground::Ground;
 use crate::robot::{Leg, Model};
 use herd_common::config::sim;
 use nalgebra::{UnitQuaternion, Vector3};
 use rapier3d::prelude::*;
+
+/// What the robot meets in its world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Site {
+    /// The shape of the ground.
+    pub ground: Ground,
+    /// Factor on the configured friction of the ground.
+    pub friction_factor: f64,
+    /// Mass of a box on the trunk, kg.
+    pub payload_kg: f64,
+}
+
+impl Default for Site {
+    /// Level ground as configured, and no payload.
+    fn default() -> Self {
+        Self { ground: Ground::level(), friction_factor: 1.0, payload_kg: 0.0 }
+    }
+}
 
 /// Where a robot starts.
 #[derive(Clone, Debug)]
@@ -64,10 +83,15 @@ impl RobotState {
 }
 
 impl World {
-    /// A fresh world with the robot at rest in its starting pose.
+    /// A fresh world of level ground with the robot at rest in its starting pose.
     pub fn new(model: &Model, config: &sim::Config, start: &Start) -> Self {
-        let mut physics = build::world(config);
-        let handles = build::robot(&mut physics, model, config, start);
+        Self::at(model, config, &Site::default(), start)
+    }
+
+    /// A fresh world of this site with the robot at rest in its starting pose.
+    pub fn at(model: &Model, config: &sim::Config, site: &Site, start: &Start) -> Self {
+        let mut physics = build::world(config, site);
+        let handles = build::robot(&mut physics, model, config, site, start);
         let dofs = handles.joints.map(|leg| leg.map(|joint| build::dof(&physics, joint)));
         Self { physics, handles, dofs, push: None }
     }

@@ -8,6 +8,7 @@ pub mod ddpg;
 pub mod merge;
 pub mod robot;
 pub mod run;
+pub mod scenario;
 pub mod sim;
 pub mod task;
 
@@ -24,6 +25,8 @@ pub const DEFAULT: &str = concat!(
     include_str!("task.toml"),
     "\n",
     include_str!("control.toml"),
+    "\n",
+    include_str!("scenario.toml"),
     "\n",
     include_str!("sim.toml"),
     "\n",
@@ -52,6 +55,8 @@ pub struct Config {
     pub task: task::Config,
     /// The low-level controller.
     pub control: control::Config,
+    /// What differs from episode to episode.
+    pub scenario: scenario::Config,
     /// The simulator.
     pub sim: sim::Config,
     /// The robot.
@@ -147,11 +152,11 @@ impl Config {
         toml::to_string(self).expect("plain data serialises")
     }
 
-    /// Names what actor and learner must agree on: spaces, task, robot, controller, simulator.
+    /// Names what actor and learner must agree on: spaces, task, robot, controller, scenario, simulator.
     pub fn task_hash(&self) -> String {
         let parts = (crate::spaces::OBSERVATION.map(|b| (b.meaning, b.scale.to_bits())), CONTROLLER_REVISION);
         let task = task::Config { constant: task::Config::identity_constant(&self.task), ..self.task.clone() };
-        let text = serde_json::to_string(&(parts, &task, &self.control, &self.sim, &self.robot));
+        let text = serde_json::to_string(&(parts, &task, &self.control, &self.scenario, &self.sim, &self.robot));
         sha256_hex(text.expect("plain data serialises"))
     }
 
@@ -193,6 +198,7 @@ impl Config {
         self.ddpg.validate()?;
         self.task.validate()?;
         self.control.validate()?;
+        self.scenario.validate()?;
         self.sim.validate()?;
         self.robot.validate()
     }
@@ -219,7 +225,11 @@ pub(crate) fn check<T: PartialOrd + Copy + std::fmt::Debug>(
 }
 
 /// Refuses a `[lowest, highest]` pair that is out of order or leaves `range`.
-pub(crate) fn check_span(key: &str, span: [f64; 2], range: std::ops::RangeInclusive<f64>) -> Result<(), Error> {
+pub(crate) fn check_span<T: PartialOrd + Copy + std::fmt::Debug>(
+    key: &str,
+    span: [T; 2],
+    range: std::ops::RangeInclusive<T>,
+) -> Result<(), Error> {
     if range.contains(&span[0]) && range.contains(&span[1]) && span[0] <= span[1] {
         return Ok(());
     }
