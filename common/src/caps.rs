@@ -58,6 +58,8 @@ pub const JOURNAL_RECORD_BYTES: usize = 64 << 20;
 pub const CHECKPOINTS_KEPT: usize = 3;
 /// Consecutive updates skipped for a non-finite loss before training stops.
 pub const SKIPPED_UPDATES: u32 = 100;
+/// Decisions that one learned transition may fold (n-step returns).
+pub const FOLDED_DECISIONS: usize = 64;
 /// Recent episodes that status averages over.
 pub const RETURN_WINDOW: usize = 100;
 

@@ -5,6 +5,7 @@
 
 pub mod ddpg;
 pub mod export;
+pub mod fold;
 pub mod history;
 pub mod metrics;
 pub mod replay;

@@ -22,6 +22,8 @@ pub struct Replay {
     capacity: usize,
     observation_dim: usize,
     action_dim: usize,
+    /// Transitions ever pushed.
+    pushed: u64,
     /// Transitions held.
     len: usize,
     /// Slot of the oldest one; not 0 only once the memory is full.
@@ -48,12 +50,17 @@ impl Replay {
     /// An empty memory for `capacity` transitions of these lengths.
     pub fn new(capacity: usize, observation_dim: usize, action_dim: usize) -> Self {
         assert!(capacity > 0, "a replay memory holds at least one transition");
-        Self { capacity, observation_dim, action_dim, len: 0, oldest: 0, blocks: Vec::new() }
+        Self { capacity, observation_dim, action_dim, pushed: 0, len: 0, oldest: 0, blocks: Vec::new() }
     }
 
     /// Transitions held.
     pub fn len(&self) -> usize {
         self.len
+    }
+
+    /// Transitions ever pushed, those that were replaced included.
+    pub fn pushed(&self) -> u64 {
+        self.pushed
     }
 
     /// True until the first push.
@@ -81,6 +88,7 @@ impl Replay {
     /// The batch has been validated; columns of wrong lengths are a mistake of the program.
     pub fn push(&mut self, batch: &transition::Batch) {
         let (n, observation, action) = (batch.rewards.len(), self.observation_dim, self.action_dim);
+        self.pushed += n as u64;
         assert_eq!(batch.observations.len(), n * observation, "observations of {n} transitions");
         assert_eq!(batch.next_observations.len(), n * observation, "next observations of {n} transitions");
         assert_eq!(batch.actions.len(), n * action, "actions of {n} transitions");
@@ -104,7 +112,7 @@ impl Replay {
     }
 
     /// The transition that `age_rank` others are older than.
-    fn row(&self, age_rank: usize) -> Row<'_> {
+    pub fn row(&self, age_rank: usize) -> Row<'_> {
         let slot = (self.oldest + age_rank) % self.capacity;
         let width = self.row_width();
         let row = &self.blocks[slot / BLOCK_ROWS][slot % BLOCK_ROWS * width..][..width];

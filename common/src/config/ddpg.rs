@@ -33,6 +33,14 @@ pub struct Config {
     pub twin_critic: bool,
     /// Critic updates per actor and target update.
     pub actor_every: u64,
+    /// Let the actor come back from the ends of its box at full speed.
+    pub open_box: bool,
+    /// Decisions folded into one transition.
+    pub n_step: usize,
+    /// α of prioritised replay; 0 draws uniformly.
+    pub priority_alpha: f64,
+    /// β of prioritised replay.
+    pub priority_beta: f64,
     /// Standard deviation of the noise on target actions.
     pub smoothing_sigma: f64,
     /// Bound of that noise.
@@ -56,6 +64,9 @@ impl Config {
         check("ddpg.reward_scale", self.reward_scale, 1e-9..=1e9)?;
         check("ddpg.output_init", self.output_init, 0.0..=1.0)?;
         check("ddpg.actor_every", self.actor_every, 1..=1000)?;
+        check("ddpg.n_step", self.n_step, 1..=crate::caps::FOLDED_DECISIONS)?;
+        check("ddpg.priority_alpha", self.priority_alpha, 0.0..=2.0)?;
+        check("ddpg.priority_beta", self.priority_beta, 0.0..=1.0)?;
         check("ddpg.smoothing_sigma", self.smoothing_sigma, 0.0..=2.0)?;
         check("ddpg.smoothing_clip", self.smoothing_clip, 0.0..=2.0)
     }

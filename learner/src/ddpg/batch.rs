@@ -5,6 +5,7 @@
 //! | `inputs` | (s, a), then (s, π(s)) | `[2n, observation + action]` |
 //! | `next_inputs` | (s′, π′(s′)) | `[n, observation + action]` |
 //! | `rewards`, `discounts` | r in units that are learned, γ | `[n, 1]` |
+//! | `weights` | of each transition's loss; 1 unless replay is prioritised | `[n, 1]` |
 //!
 //! Each row is copied once, from the replay memory to where the critics read it; actors read views of the same rows.
 
@@ -23,6 +24,7 @@ pub struct Batch {
     next_inputs: Tensor,
     rewards: Tensor,
     discounts: Tensor,
+    weights: Tensor,
 }
 
 impl Batch {
@@ -37,6 +39,7 @@ impl Batch {
             next_inputs: zeros(len, width)?,
             rewards: zeros(len, 1)?,
             discounts: zeros(len, 1)?,
+            weights: Tensor::ones((len, 1), DType::F32, &Device::Cpu)?,
         })
     }
 
@@ -104,6 +107,16 @@ impl Batch {
     /// γ, `[n, 1]`.
     pub(super) fn discounts(&self) -> &Tensor {
         &self.discounts
+    }
+
+    /// Weights of the losses, `[n, 1]`.
+    pub(super) fn weights(&self) -> &Tensor {
+        &self.weights
+    }
+
+    /// Weighs the losses so.
+    pub(super) fn set_weights(&self, weights: &[f32]) -> Result<()> {
+        write(&self.weights, |numbers| numbers.copy_from_slice(weights))
     }
 
     /// Writes π(s) beside s.

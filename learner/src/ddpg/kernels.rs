@@ -14,6 +14,8 @@ pub(super) enum Activation {
     Relu,
     /// tanh y
     Tanh,
+    /// tanh y, whose slope counts as 1 where the gradient points away from the nearer end, see [`Slope`].
+    OpenTanh,
 }
 
 /// `y ← f(y + b)`; y is `[rows, n]`, b is `[n]`.
@@ -32,7 +34,9 @@ impl InplaceOp2 for AddBias {
                 match activation {
                     Activation::Linear => row.iter_mut().zip(b).for_each(|(y, b)| *y += b),
                     Activation::Relu => row.iter_mut().zip(b).for_each(|(y, b)| *y = relu(*y + b)),
-                    Activation::Tanh => row.iter_mut().zip(b).for_each(|(y, b)| *y = (*y + b).tanh()),
+                    Activation::Tanh | Activation::OpenTanh => {
+                        row.iter_mut().zip(b).for_each(|(y, b)| *y = (*y + b).tanh());
+                    }
                 }
             }
         });
@@ -41,6 +45,10 @@ impl InplaceOp2 for AddBias {
 }
 
 /// `d ← d · f′`, with f′ told from f's value y; d and y have one shape.
+///
+/// At an end of tanh f′ vanishes, and what has run into it never comes back, whatever is found elsewhere. The open one
+/// keeps f′ where a step along −d would go further out, so that it does not run away, and takes 1 where it would come
+/// back (after the inverted gradients of Hausknecht and Stone 2016).
 pub(super) struct Slope(pub(super) Activation);
 
 impl InplaceOp2 for Slope {
@@ -55,6 +63,10 @@ impl InplaceOp2 for Slope {
             Activation::Linear => (),
             Activation::Relu => d.iter_mut().zip(y).for_each(|(d, y)| *d = if *y > 0.0 { *d } else { 0.0 }),
             Activation::Tanh => d.iter_mut().zip(y).for_each(|(d, y)| *d *= 1.0 - y * y),
+            Activation::OpenTanh => d.iter_mut().zip(y).for_each(|(d, y)| {
+                let comes_back = *d * y > 0.0;
+                *d *= if comes_back { 1.0 } else { 1.0 - y * y };
+            }),
         });
         Ok(())
     }
@@ -181,11 +193,21 @@ mod tests {
             (Activation::Linear, [1.0, 2.0, 3.0, 4.0]),
             (Activation::Relu, [0.0, 2.0, 3.0, 0.0]),
             (Activation::Tanh, [1.0, 1.5, -9.0, 4.0]),
+            (Activation::OpenTanh, [1.0, 2.0, 3.0, 4.0]),
         ] {
             let d = tensor(&[1.0, 2.0, 3.0, 4.0], (2, 2));
             d.inplace_op2(&y, &Slope(activation)).unwrap();
             assert_eq!(numbers(&d), expected, "{activation:?}");
         }
+    }
+
+    #[test]
+    fn the_open_slope_holds_back_only_what_runs_out_of_the_box() {
+        // A step goes along −d: the first two come back from the upper and the lower end, the others go further out.
+        let y = tensor(&[1.0, -1.0, 1.0, -0.5], (1, 4));
+        let d = tensor(&[2.0, -3.0, -2.0, 4.0], (1, 4));
+        d.inplace_op2(&y, &Slope(Activation::OpenTanh)).unwrap();
+        assert_eq!(numbers(&d), [2.0, -3.0, 0.0, 3.0]);
     }
 
     #[test]

@@ -13,6 +13,7 @@ mod kernels;
 mod losses;
 mod networks;
 mod optimizer;
+mod priorities;
 mod product;
 mod snapshot;
 #[cfg(test)]

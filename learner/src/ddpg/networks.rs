@@ -282,7 +282,7 @@ pub(super) mod tests {
             x = match if i + 1 == count { last } else { Activation::Relu } {
                 Activation::Linear => x,
                 Activation::Relu => x.relu().unwrap(),
-                Activation::Tanh => x.tanh().unwrap(),
+                Activation::Tanh | Activation::OpenTanh => x.tanh().unwrap(),
             };
         }
         x

@@ -1,7 +1,8 @@
 //! A learner as plain data: everything but configuration, seed and replay memory that its next update depends on.
 //!
 //! Tensors come in a fixed order and are named `{network}.{row}.{layer}.{weight or bias}`: network `actor`, `critic0` or
-//! `critic1`; row `online`, `target`, `mean` or `square` (Adam's moments). A weight is `[inputs, outputs]`.
+//! `critic1`; row `online`, `target`, `mean` or `square` (Adam's moments). A weight is `[inputs, outputs]`. Prioritised
+//! replay adds two tensors, see `priorities`.
 
 use super::error::Error;
 use super::networks::{Network, Row};
@@ -33,6 +34,9 @@ pub struct Counters {
     pub critic_steps: u64,
     /// Adam's steps of the actor.
     pub actor_steps: u64,
+    /// Transitions that prioritised replay has seen; 0 without it.
+    #[serde(default)]
+    pub prioritised: u64,
 }
 
 /// A learner as plain data.
@@ -56,7 +60,12 @@ impl Ddpg {
                 }
             }
         }
-        Ok(Snapshot { counters: self.counters, records })
+        let mut counters = self.counters;
+        if let Some(priorities) = &self.priorities {
+            records.extend(priorities.save());
+            counters.prioritised = priorities.seen();
+        }
+        Ok(Snapshot { counters, records })
     }
 
     /// Goes on where `snapshot` was taken. On an error nothing has changed.
@@ -73,6 +82,14 @@ impl Ddpg {
             }
             arenas.push(numbers);
         }
+        let priorities = match &self.priorities {
+            None => None,
+            Some(priorities) => {
+                let missing = || Error::Snapshot { found: "no more tensors".into(), expected: "priorities".into() };
+                let [surprises, largest] = [records.next(), records.next()].map(|record| record.ok_or_else(missing));
+                Some(priorities.load(snapshot.counters.prioritised, surprises?, largest?)?)
+            }
+        };
         if let Some(extra) = records.next() {
             return Err(Error::Snapshot {
                 found: describe(&extra.name, &extra.shape),
@@ -83,6 +100,7 @@ impl Ddpg {
             network.overwrite(&numbers)?;
         }
         self.counters = snapshot.counters;
+        self.priorities = priorities;
         Ok(())
     }
 

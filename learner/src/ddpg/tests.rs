@@ -12,8 +12,12 @@ use herd_common::transition;
 use rand::RngExt;
 
 const DIMS: Dims = Dims { observation: 5, action: 2 };
-const PLAIN: [&str; 3] = ["ddpg.twin_critic=false", "ddpg.actor_every=1", "ddpg.smoothing_sigma=0"];
-const TD3: [&str; 3] = ["ddpg.twin_critic=true", "ddpg.actor_every=2", "ddpg.smoothing_sigma=0.2"];
+const PLAIN: [&str; 4] =
+    ["ddpg.twin_critic=false", "ddpg.actor_every=1", "ddpg.smoothing_sigma=0", "ddpg.open_box=false"];
+const TD3: [&str; 4] =
+    ["ddpg.twin_critic=true", "ddpg.actor_every=2", "ddpg.smoothing_sigma=0.2", "ddpg.open_box=false"];
+const PRIORITISED: [&str; 4] =
+    ["ddpg.priority_alpha=0.6", "ddpg.replay_capacity=200", "ddpg.open_box=true", "ddpg.smoothing_sigma=0.2"];
 
 fn config(sets: &[&str]) -> config::ddpg::Config {
     let small = ["ddpg.hidden=[32, 16]", "ddpg.batch_size=16", "ddpg.output_init=0.1"];
@@ -72,7 +76,7 @@ fn gradients_match_autograd() {
         for critic in &ddpg.critics {
             let vars = variables(critic);
             let values = recorded_forward(&vars, &ddpg.batch.state_actions().unwrap(), Activation::Linear);
-            let loss = losses::critic(&values, &y).unwrap();
+            let loss = losses::critic(&values, &y, ddpg.batch.weights()).unwrap();
             critic_loss += loss.to_scalar::<f32>().unwrap() / ddpg.critics.len() as f32;
             let store = loss.backward().unwrap();
             for ((span, gradient), var) in
@@ -145,7 +149,7 @@ fn targets_take_the_lower_critic_at_a_clipped_action() {
 
 #[test]
 fn the_same_seed_gives_the_same_bits() {
-    for sets in [PLAIN, TD3] {
+    for sets in [PLAIN, TD3, PRIORITISED] {
         let replay = random_replay(300, DIMS);
         let (mut one, mut two) = (learner(&sets), learner(&sets));
         assert_eq!(run(&mut one, &replay, 50), run(&mut two, &replay, 50));
@@ -158,7 +162,7 @@ fn the_same_seed_gives_the_same_bits() {
 
 #[test]
 fn a_loaded_learner_goes_on_bit_for_bit() {
-    for sets in [PLAIN, TD3] {
+    for sets in [PLAIN, TD3, PRIORITISED] {
         let replay = random_replay(300, DIMS);
         let mut whole = learner(&sets);
         run(&mut whole, &replay, 13);
@@ -260,6 +264,43 @@ fn point_mass(n: usize) -> Replay {
     let mut replay = Replay::new(n, 1, 1);
     replay.push(&batch);
     replay
+}
+
+/// A place without a future, in which action a earns this.
+fn bandit(n: usize, earned: impl Fn(f32) -> f32) -> Replay {
+    let mut rng = Seed::from_number(13).rng();
+    let actions: Vec<f32> = (0..n).map(|_| rng.random_range(-1.0_f32..1.0)).collect();
+    let mut replay = Replay::new(n, 1, 1);
+    replay.push(&transition::Batch {
+        action_dim: 1,
+        observations: vec![0.5; n],
+        rewards: actions.iter().map(|a| earned(*a)).collect(),
+        actions,
+        discounts: vec![0.0; n],
+        next_observations: vec![0.5; n],
+    });
+    replay
+}
+
+#[test]
+fn an_actor_comes_back_sooner_from_the_end_of_an_open_box() {
+    let updates_until_back = |open: &str| {
+        let learning =
+            [open, "ddpg.hidden=[32]", "ddpg.batch_size=64", "ddpg.actor_rate=3e-3", "ddpg.reward_scale=1.0"];
+        let config = config(&[&TD3[..3], &learning].concat());
+        let mut ddpg = Ddpg::new(&config, Dims { observation: 1, action: 1 }, Seed::from_number(14)).unwrap();
+        run(&mut ddpg, &bandit(1000, |a| 4.0 * a), 3000);
+        assert!(ddpg.act(&[0.5]).unwrap()[0] > 0.999, "{open}: it has run into the end");
+        let other_end = bandit(1000, |a| -4.0 * a);
+        let is_back = |ddpg: &Ddpg| ddpg.act(&[0.5]).unwrap()[0] < 0.0;
+        (1..200).find(|_| {
+            run(&mut ddpg, &other_end, 20);
+            is_back(&ddpg)
+        })
+    };
+    let [open, plain] = ["ddpg.open_box=true", "ddpg.open_box=false"].map(updates_until_back);
+    let open = open.expect("it comes back");
+    assert!(plain.is_none_or(|plain| plain > 2 * open), "open after {open} × 20 updates, plain after {plain:?}");
 }
 
 /// The largest |action − optimum| over the line.

@@ -16,6 +16,7 @@ use super::kernels::Activation;
 use super::losses;
 use super::networks::{Head, Network, Pass, Row};
 use super::optimizer::{Step, apply, norm};
+use super::priorities::{Draw, Priorities};
 use super::snapshot::Counters;
 use crate::replay::Replay;
 use candle_core::{Device, Tensor};
@@ -58,6 +59,8 @@ pub struct Ddpg {
     pub(super) critics: Vec<Network>,
     pub(super) counters: Counters,
     pub(super) batch: Batch,
+    /// Of prioritised replay.
+    pub(super) priorities: Option<Priorities>,
     /// Room for n rows of the actor, online or target.
     actor_pass: Pass,
     /// Room for 2n rows of any critic, online or target.
@@ -71,6 +74,8 @@ pub(super) struct Findings {
     critics: Vec<f32>,
     /// Length of the actor's gradient, if the actor is to move.
     actor: Option<f32>,
+    /// y − Q(s, a) of the first critic, `[n]`, if replay is prioritised.
+    errors: Vec<f32>,
 }
 
 impl Ddpg {
@@ -81,7 +86,8 @@ impl Ddpg {
         let actor = widths(dims.observation, dims.action);
         let critic = widths(dims.observation + dims.action, 1);
         let critics = if config.twin_critic { 2 } else { 1 };
-        let actor = Network::new(&actor, head(Activation::Tanh), seed.child("actor", 0))?;
+        let squash = if config.open_box { Activation::OpenTanh } else { Activation::Tanh };
+        let actor = Network::new(&actor, head(squash), seed.child("actor", 0))?;
         let critics: Vec<Network> = (0..critics)
             .map(|i| Network::new(&critic, head(Activation::Linear), seed.child("critic", i)))
             .collect::<Result<_, _>>()?;
@@ -91,6 +97,8 @@ impl Ddpg {
             seed,
             counters: Counters::default(),
             batch: Batch::new(config.batch_size, dims)?,
+            priorities: (config.priority_alpha > 0.0)
+                .then(|| Priorities::new(config.priority_alpha, config.priority_beta, config.replay_capacity)),
             actor_pass: actor.pass(config.batch_size)?,
             critic_pass: critics[0].pass(2 * config.batch_size)?,
             actor,
@@ -115,8 +123,7 @@ impl Ddpg {
     pub fn update(&mut self, replay: &Replay) -> Result<Update, Error> {
         self.check(replay)?;
         let mut rng = self.seed.child("update", self.counters.updates).rng();
-        let rows: Vec<_> = replay.draw(self.config.batch_size, &mut rng).collect();
-        self.batch.fill(&rows, self.config.reward_scale as f32)?;
+        let draws = self.draw(replay, &mut rng)?;
         self.counters.updates += 1;
         let targets = self.targets(&mut rng)?;
         let moves_actor = self.counters.updates.is_multiple_of(self.config.actor_every);
@@ -134,8 +141,25 @@ impl Ddpg {
         } else {
             self.counters.skipped_in_row = 0;
             self.apply(&found)?;
+            if let Some(priorities) = &mut self.priorities {
+                priorities.note(&draws, &found.errors);
+            }
         }
         Ok(found.update)
+    }
+
+    /// Fills the batch; says what was drawn if replay is prioritised.
+    fn draw(&mut self, replay: &Replay, rng: &mut impl Rng) -> Result<Vec<Draw>, Error> {
+        let (n, scale) = (self.config.batch_size, self.config.reward_scale as f32);
+        let Some(priorities) = &mut self.priorities else {
+            self.batch.fill(&replay.draw(n, rng).collect::<Vec<_>>(), scale)?;
+            return Ok(Vec::new());
+        };
+        priorities.grow(replay.pushed());
+        let draws = priorities.draw(n, rng);
+        self.batch.fill(&draws.iter().map(|draw| replay.row(draw.age_rank)).collect::<Vec<_>>(), scale)?;
+        self.batch.set_weights(&draws.iter().map(|draw| draw.weight).collect::<Vec<_>>())?;
+        Ok(draws)
     }
 
     /// The actor's action for one observation, by candle.
@@ -191,13 +215,14 @@ impl Ddpg {
         }
         let mut critics = Vec::with_capacity(self.critics.len());
         let mut update = Update { critic_loss: 0.0, actor_loss: None, mean_value: 0.0, skipped: false };
-        let mut actor = None;
+        let (mut actor, mut errors) = (None, Vec::new());
         for (i, critic) in self.critics.iter().enumerate() {
             // Only the first critic guides the actor.
             let guides = moves_actor && i == 0;
             let judged = self.judge(critic, targets, guides)?;
             update.critic_loss += judged.loss / self.critics.len() as f32;
             if i == 0 {
+                errors = judged.errors;
                 update.mean_value = judged.mean_value;
                 update.actor_loss = judged.actor_loss;
             }
@@ -208,7 +233,7 @@ impl Ddpg {
             }
             critics.push(judged.norm);
         }
-        Ok(Findings { update, critics, actor })
+        Ok(Findings { update, critics, actor, errors })
     }
 
     /// y of eq 6, with TD3's smoothing and minimum.
@@ -246,9 +271,10 @@ impl Ddpg {
         let pass = self.critic_pass.first(inputs.dim(0)?)?;
         critic.forward(Row::Online, &inputs, &pass)?;
         let values = pass.output().narrow(0, 0, n)?;
-        let loss = losses::critic(&values, y)?.to_scalar()?;
+        let loss = losses::critic(&values, y, batch.weights())?.to_scalar()?;
+        let errors = if self.priorities.is_some() { (y - &values)?.flatten_all()?.to_vec1()? } else { Vec::new() };
         let mean_value = values.mean_all()?.to_scalar()?;
-        pass.output_gradient().slice_set(&losses::critic_gradient(&values, y)?, 0, 0)?;
+        pass.output_gradient().slice_set(&losses::critic_gradient(&values, y, batch.weights())?, 0, 0)?;
         let mut actor_loss = None;
         if guides {
             let own_values = pass.output().narrow(0, n, n)?;
@@ -260,7 +286,7 @@ impl Ddpg {
             critic.input_gradient(&pass, n, self.dims.observation, self.actor_pass.output_gradient())?;
         }
         critic.gradients(&inputs, &pass, n)?;
-        Ok(Judged { loss, mean_value, norm: norm(critic)?, actor_loss })
+        Ok(Judged { loss, mean_value, norm: norm(critic)?, actor_loss, errors })
     }
 
     fn apply(&mut self, found: &Findings) -> Result<(), Error> {
@@ -291,6 +317,8 @@ struct Judged {
     norm: f32,
     /// Of the critic that guides the actor.
     actor_loss: Option<f32>,
+    /// y − Q(s, a), if replay is prioritised.
+    errors: Vec<f32>,
 }
 
 impl Findings {

@@ -8,6 +8,7 @@ use super::seats::Seats;
 use super::tally::{Meter, Tally};
 use super::{Checkpointed, Error, Trainer};
 use crate::ddpg;
+use crate::fold::fold;
 use crate::history::checkpoint::{self, Checkpoint, Tensor};
 use crate::history::commits::Commits;
 use crate::history::epoch::Epoch;
@@ -192,7 +193,7 @@ fn read_known(config: &Config, journal: &mut Journal, until: Position) -> Result
         match record? {
             Record::Episode(committed) => {
                 known.commits.insert(committed.episode);
-                known.replay.push(&committed.transitions);
+                known.replay.push(&fold(&committed.transitions, config.ddpg.n_step));
             }
             Record::Evaluation { version, .. } => known.evaluated = known.evaluated.max(Some(version)),
         }

@@ -2,6 +2,7 @@
 
 use super::{Error, Trainer};
 use crate::ddpg::Update;
+use crate::fold::fold;
 use crate::history::journal::Position;
 use crate::history::record::{Committed, Record};
 use crate::metrics::{EpisodeLine, LossFields, OutcomeFields};
@@ -54,7 +55,7 @@ impl Trainer {
     pub(super) fn begin_digest(&mut self, committed: &Committed, behind: Position) {
         let outcome = &committed.outcome;
         let staleness = self.version().saturating_sub(committed.version);
-        self.replay.push(&committed.transitions);
+        self.replay.push(&fold(&committed.transitions, self.config.ddpg.n_step));
         self.tally.commit(outcome, committed.transitions.len(), staleness);
         let until = updates_earned(&self.config.ddpg, self.tally.transitions).max(self.ddpg.updates());
         let line = EpisodeLine {
