@@ -2,6 +2,7 @@
 
 mod kinematics;
 mod leg;
+mod mjcf;
 mod model;
 
 pub use kinematics::{Geometry, LegPoint, Posture};
@@ -9,5 +10,6 @@ pub use leg::Leg;
 /// Standard gravity, m/s², along −z of the world.
 pub const GRAVITY: f64 = 9.81;
 
-pub(crate) use model::box_inertia;
+pub use mjcf::mjcf;
+pub(crate) use model::{KNEE_RADIUS, box_inertia};
 pub use model::{Composite, Link, Model};

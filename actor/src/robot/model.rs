@@ -11,6 +11,8 @@ use nalgebra::{Matrix3, Vector3};
 const ROD_RADIUS: f64 = 0.012;
 /// Edge of the cube that stands for a hip motor, m; guess after small servos.
 const HIP_EDGE: f64 = 0.04;
+/// Radius of the sphere at each knee that notices the ground, m; guess after the width of a thigh.
+pub(crate) const KNEE_RADIUS: f64 = 0.012;
 
 /// One link of a leg.
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +59,17 @@ pub struct Model {
     pub joint_armature: f64,
     /// Nominal angles of the left legs, rad; see [`Model::nominal`].
     nominal: Vector3<f64>,
+}
+
+impl Link {
+    /// Centre of mass in the frame of the `i`-th link of a leg, whose origin is the joint that carries it, m.
+    pub(crate) fn centre_in_frame(&self, i: usize, leg: Leg) -> Vector3<f64> {
+        match i {
+            0 => Vector3::new(0.0, leg.side() * self.centre.outwards, 0.0),
+            1 => Vector3::new(0.0, 0.0, -self.centre.thigh),
+            _ => Vector3::new(0.0, 0.0, -self.centre.calf),
+        }
+    }
 }
 
 impl Model {

@@ -8,15 +8,13 @@
 use super::convert::{matrix_to_sim, rotation_to_sim, vector_to_sim};
 use super::terrain;
 use super::world::{Site, Start};
-use crate::robot::{Leg, Link, Model, box_inertia};
+use crate::robot::{KNEE_RADIUS, Leg, Link, Model, box_inertia};
 use herd_common::config::sim;
 use nalgebra::{Matrix3, Vector3};
 use rapier3d::prelude::*;
 
 /// Edges of the payload, a box of even density that stands on the trunk, m; guess: a sandbag of a few kilograms.
 const PAYLOAD_SIZE: [f64; 3] = [0.12, 0.08, 0.06];
-/// Radius of the sphere at each knee that notices the ground, m; guess after the width of a thigh.
-const KNEE_RADIUS: f32 = 0.012;
 /// Degrees of freedom of the free root.
 pub(super) const ROOT_DOFS: usize = 6;
 
@@ -118,7 +116,7 @@ fn add_leg(world: &mut PhysicsWorld, model: &Model, friction: f32, leg: Leg, han
     let ball = |radius: f32| robot_collider(ColliderBuilder::ball(radius), friction);
     let foot = ball(model.foot_radius as f32).translation(Vector::new(0.0, 0.0, -geometry.calf as f32));
     handles.feet[leg.index()] = world.insert_collider(foot, Some(parent));
-    handles.knees[leg.index()] = world.insert_collider(ball(KNEE_RADIUS), Some(parent));
+    handles.knees[leg.index()] = world.insert_collider(ball(KNEE_RADIUS as f32), Some(parent));
 }
 
 /// Fixes a box to the top of the trunk. It is a link of its own: the root's frame has to stay in its centre of mass.
@@ -185,10 +183,5 @@ fn properties(mass: f64, centre: &Vector3<f64>, inertia: &Matrix3<f64>) -> MassP
 
 /// Mass properties of a link in its own frame, whose origin is the joint that carries it.
 fn link_properties(link: &Link, i: usize, leg: Leg) -> MassProperties {
-    let centre = match i {
-        0 => Vector3::new(0.0, leg.side() * link.centre.outwards, 0.0),
-        1 => Vector3::new(0.0, 0.0, -link.centre.thigh),
-        _ => Vector3::new(0.0, 0.0, -link.centre.calf),
-    };
-    properties(link.mass, &centre, &link.inertia)
+    properties(link.mass, &link.centre_in_frame(i, leg), &link.inertia)
 }
