@@ -21,6 +21,8 @@ pub mod rollout;
 
 pub mod film;
 
+pub mod trace;
+
 pub mod trial;
 
 mod backoff;

@@ -13,7 +13,7 @@ use super::{ending, settle};
 use crate::control::{Body, Controller, Latency, Timer, Watcher};
 use crate::gait::Pair;
 use crate::robot::{GRAVITY, Model};
-use crate::sim::{Contacts, Ground, RobotState, World};
+use crate::sim::{self, Contacts, Ground, Plant, RobotState, Spawn};
 use herd_common::config::Config;
 use herd_common::episode::{Ending, Outcome, Reward};
 use herd_common::seed::Seed;
@@ -48,7 +48,8 @@ pub struct Env {
     payer: Payer,
     scenario: Scenario,
     sensor: Sensor,
-    world: World,
+    world: Box<dyn Plant>,
+    spawn: Spawn,
     state: RobotState,
     /// The state as the robot measures it.
     sensed: RobotState,
@@ -71,7 +72,8 @@ impl Env {
         let model = Model::new(&config.robot);
         let seed = Seed::from_number(config.seed);
         let scenario = Scenario::draw(config, seed);
-        let (world, _) = settle::world(&model, config, &scenario.site, seed);
+        let mut spawn = sim::rapier();
+        let (world, _) = settle::world(&model, config, &scenario.site, seed, &mut spawn);
         let state = world.state();
         Self {
             controller: Controller::new(config, &model),
@@ -90,6 +92,7 @@ impl Env {
             model,
             scenario,
             world,
+            spawn,
             sensed: state.clone(),
             state,
         }
@@ -107,6 +110,12 @@ impl Env {
         self
     }
 
+    /// The same, with the worlds of episodes to come made by `spawn`: those of another simulator.
+    pub fn with_plant(mut self, spawn: Spawn) -> Self {
+        self.spawn = spawn;
+        self
+    }
+
     /// Shows every tick from now on to this observer, or to nobody; what it does changes nothing in the episode.
     pub fn set_observer(&mut self, observer: Option<Observer>) {
         self.observer = observer;
@@ -115,7 +124,7 @@ impl Env {
     /// Starts the episode of this seed.
     pub fn reset(&mut self, seed: Seed) -> Observation {
         self.scenario = Scenario::draw(&self.config, seed);
-        let (world, held) = settle::world(&self.model, &self.config, &self.scenario.site, seed);
+        let (world, held) = settle::world(&self.model, &self.config, &self.scenario.site, seed, &mut self.spawn);
         self.world = world;
         self.late = VecDeque::from(vec![held; self.scenario.delay_ticks]);
         self.sensor = Sensor::new(self.scenario.noise, seed);
@@ -186,6 +195,11 @@ impl Env {
     /// The robot's true state, for reports and recordings.
     pub fn state(&self) -> &RobotState {
         &self.state
+    }
+
+    /// Ground contact over the last tick.
+    pub fn contacts(&self) -> &Contacts {
+        &self.contacts
     }
 
     /// Joint torques of the last tick, N·m.

@@ -5,7 +5,7 @@
 
 use crate::control::Body;
 use crate::robot::{Leg, Model};
-use crate::sim::{Ground, Site, Start, World};
+use crate::sim::{Ground, Plant, Site, Spawn, Start};
 use herd_common::config::Config;
 use herd_common::seed::Seed;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -18,8 +18,14 @@ const DAMPING: f64 = 4.0;
 /// Clearance below the lowest foot at the start, m.
 const CLEARANCE: f64 = 0.001;
 
-/// The world of this seed at t = 0, with the torques (N·m) that were the last to act in it.
-pub(super) fn world(model: &Model, config: &Config, site: &Site, seed: Seed) -> (World, [Vector3<f64>; 4]) {
+/// The world of this seed at t = 0, made by `spawn`, with the torques (N·m) that were the last to act in it.
+pub(super) fn world(
+    model: &Model,
+    config: &Config,
+    site: &Site,
+    seed: Seed,
+    spawn: &mut Spawn,
+) -> (Box<dyn Plant>, [Vector3<f64>; 4]) {
     let mut rng = seed.child("reset", 0).rng();
     let reset = &config.task.reset;
     let yaw = spread(&mut rng, reset.yaw_rad);
@@ -27,7 +33,7 @@ pub(super) fn world(model: &Model, config: &Config, site: &Site, seed: Seed) -> 
     let velocity = Vector3::new(spread(&mut rng, reset.velocity_mps), spread(&mut rng, reset.velocity_mps), 0.0);
 
     let start = start(model, &site.ground, yaw, &stance);
-    let mut world = World::at(model, &config.sim, site, &start);
+    let mut world = spawn(model, &config.sim, site, &start);
     let slope = site.ground.slope_rad();
     let mut torques = [Vector3::zeros(); 4];
     for _ in 0..(config.task.settle_secs / config.sim.tick_secs).round() as u64 {

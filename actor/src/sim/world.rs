@@ -123,6 +123,19 @@ impl World {
         }
     }
 
+    /// Gives the robot the velocities of `state`; its pose and joint angles stay.
+    pub fn set_speeds(&mut self, state: &RobotState) {
+        let (multibody, _) = self.physics.multibody_joints.get_mut(self.handles.joints[0][0]).expect(ROBOT);
+        let mut speeds = multibody.generalized_velocity_mut();
+        for axis in 0..3 {
+            speeds[axis] = state.velocity[axis] as f32;
+            speeds[3 + axis] = state.angular_velocity[axis] as f32;
+        }
+        for (dof, speed) in self.dofs.iter().flatten().zip(state.joint_speeds.iter().flatten()) {
+            speeds[*dof] = *speed as f32;
+        }
+    }
+
     /// The robot's state after the last tick.
     pub fn state(&self) -> RobotState {
         let (multibody, _) = self.physics.multibody_joints.get(self.handles.joints[0][0]).expect(ROBOT);
