@@ -1,7 +1,11 @@
 //! From the learner's actor to the plain policy that leaves the learner.
 //!
 //! The policy has its own forward pass (`herd_common::policy`), with sums in another order than candle's; a test holds
-//! the two within 1e-5.
+//! the two within 1e-5. `onnx` is the same for other programs.
+
+mod onnx;
+
+pub use onnx::{Golden, golden, onnx};
 
 use crate::ddpg::{self, Ddpg};
 use herd_common::policy::{self, Policy, Provenance};
