@@ -11,7 +11,11 @@ mod table;
 mod actor;
 mod config;
 #[cfg(feature = "actor")]
+mod drive;
+#[cfg(feature = "actor")]
 mod eval;
+#[cfg(feature = "actor")]
+mod export;
 #[cfg(feature = "learner")]
 mod learner;
 mod report;
@@ -20,6 +24,8 @@ mod scale;
 mod status;
 #[cfg(all(feature = "actor", feature = "learner"))]
 mod train;
+#[cfg(feature = "actor")]
+mod walker;
 #[cfg(feature = "learner")]
 mod wing;
 
@@ -65,6 +71,10 @@ enum Command {
     #[cfg(feature = "actor")]
     Eval(eval::Args),
     Report(report::Args),
+    #[cfg(feature = "actor")]
+    Export(export::Args),
+    #[cfg(feature = "actor")]
+    Drive(drive::Args),
     #[cfg(all(feature = "actor", feature = "learner"))]
     Scale(scale::Args),
     Config(config::Args),
@@ -101,6 +111,10 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         #[cfg(feature = "actor")]
         Command::Eval(args) => eval::run(&args),
         Command::Report(args) => report::run(&args),
+        #[cfg(feature = "actor")]
+        Command::Export(args) => export::run(&args),
+        #[cfg(feature = "actor")]
+        Command::Drive(args) => drive::run(&args),
         #[cfg(all(feature = "actor", feature = "learner"))]
         Command::Scale(args) => scale::run(&args),
         Command::Config(args) => config::run(&args),

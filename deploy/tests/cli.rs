@@ -11,8 +11,21 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Every subcommand.
-const SUBCOMMANDS: [&str; 11] =
-    ["train", "learner", "actor", "status", "eval", "config", "checkpoint", "stop", "wait-ready", "report", "scale"];
+const SUBCOMMANDS: [&str; 13] = [
+    "train",
+    "learner",
+    "actor",
+    "status",
+    "eval",
+    "config",
+    "checkpoint",
+    "stop",
+    "wait-ready",
+    "report",
+    "scale",
+    "export",
+    "drive",
+];
 /// Reaching it means that a command went on which should have refused.
 const LIMIT: Duration = Duration::from_mins(1);
 
@@ -187,6 +200,24 @@ fn files_that_are_no_policy_are_named() {
 }
 
 #[test]
+fn exports_that_cannot_be_are_named() {
+    let directory = directory();
+    refused(directory.path(), &["export", "policy"], 64, &["--run-dir", "--policy"]);
+    refused(directory.path(), &["export", "trace"], 64, &["gait", "--policy"]);
+    refused(directory.path(), &["export", "trace", "--replay", "absent.jsonl"], 64, &["absent.jsonl"]);
+    let short = ["export", "trace", "--task", "constant", "--set", "task.episode_secs=0.1", "--out", "short.jsonl"];
+    assert_eq!(herd(directory.path(), &short).code, Some(0));
+    let late = ["export", "trace", "--replay", "short.jsonl", "--at", "1"];
+    refused(directory.path(), &late, 64, &["--at is 1 s", "0.100 s"]);
+    let coarse = ["export", "trace", "--replay", "short.jsonl", "--set", "sim.tick_secs=0.003"];
+    refused(directory.path(), &coarse, 64, &["sim.tick_secs is 0.003", "0.002"]);
+    fs::write(directory.path().join("torn.jsonl"), "{\"tick\":\n").expect("it can be written");
+    refused(directory.path(), &["export", "trace", "--replay", "torn.jsonl"], 78, &["torn.jsonl", "line 1"]);
+    // Nobody answers.
+    refused(directory.path(), &["drive", "--task", "constant"], 64, &["stdin ended"]);
+}
+
+#[test]
 fn a_policy_of_another_task_is_refused() {
     let directory = directory();
     let policy = trained(directory.path());
@@ -198,6 +229,11 @@ fn a_policy_of_another_task_is_refused() {
     let answer = herd(directory.path(), &same);
     assert_eq!(answer.code, Some(0), "{}", answer.stderr);
     assert!(answer.stdout.trim_start().starts_with(['{', '[']), "not JSON: {}", answer.stdout);
+    let export = herd(directory.path(), &["export", "policy", "--run-dir", "tiny"]);
+    assert_eq!(export.code, Some(0), "{}", export.stderr);
+    for file in ["policy.onnx", "policy.golden.json"] {
+        assert!(fs::metadata(directory.path().join(file)).is_ok_and(|file| file.len() > 1000), "{file}");
+    }
 }
 
 /// Just enough of a run to have a policy.
