@@ -7,6 +7,7 @@ mod hosts;
 mod python;
 mod scale;
 mod services;
+mod sim2sim;
 mod stopping;
 mod train;
 mod watching;
