@@ -4,6 +4,7 @@ use crate::args::ConfigArgs;
 use crate::exit::Failure;
 use anyhow::Context;
 use herd_common::config::Config;
+use herd_common::config::scenario::Config as Scenario;
 use herd_common::policy::Policy;
 use herd_common::seed::Seed;
 use herd_common::spaces::Task;
@@ -53,6 +54,25 @@ impl WalkerArgs {
     pub(crate) fn episode(&self, config: &Config) -> (u64, Seed) {
         (self.episode, Seed::from_number(config.seed).child("evaluation", self.episode))
     }
+}
+
+/// Refuses a scenario whose ground or load are not the plain ones.
+pub(crate) fn expect_level(config: &Config) -> Result<(), Failure> {
+    let (asked, plain) = (&config.scenario, Scenario::plain());
+    for (key, asked, plain) in [
+        ("friction_factor", asked.friction_factor, plain.friction_factor),
+        ("payload_kg", asked.payload_kg, plain.payload_kg),
+        ("slope_deg", asked.slope_deg, plain.slope_deg),
+        ("bump_m", asked.bump_m, plain.bump_m),
+        ("step_m", asked.step_m, plain.step_m),
+    ] {
+        if asked != plain {
+            let text =
+                format!("scenario.{key} is {asked:?}, expected {plain:?}: here ground is level and nothing carried");
+            return Err(Failure::usage(text));
+        }
+    }
+    Ok(())
 }
 
 /// The policy in a `policy.safetensors`.

@@ -213,6 +213,8 @@ fn exports_that_cannot_be_are_named() {
     refused(directory.path(), &coarse, 64, &["sim.tick_secs is 0.003", "0.002"]);
     fs::write(directory.path().join("torn.jsonl"), "{\"tick\":\n").expect("it can be written");
     refused(directory.path(), &["export", "trace", "--replay", "torn.jsonl"], 78, &["torn.jsonl", "line 1"]);
+    let steep = ["drive", "--task", "constant", "--set", "scenario.slope_deg=[5, 5]"];
+    refused(directory.path(), &steep, 64, &["scenario.slope_deg is [5.0, 5.0]"]);
     // Nobody answers.
     refused(directory.path(), &["drive", "--task", "constant"], 64, &["stdin ended"]);
 }

@@ -11,5 +11,5 @@ pub use leg::Leg;
 pub const GRAVITY: f64 = 9.81;
 
 pub use mjcf::mjcf;
-pub(crate) use model::{KNEE_RADIUS, box_inertia};
 pub use model::{Composite, Link, Model};
+pub(crate) use model::{KNEE_RADIUS, box_inertia};

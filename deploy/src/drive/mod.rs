@@ -3,7 +3,7 @@
 mod lines;
 
 use crate::exit::Failure;
-use crate::walker::WalkerArgs;
+use crate::walker::{self, WalkerArgs};
 use herd_actor::env::{Env, Observation};
 use herd_actor::rollout::run_episode;
 use herd_actor::sim::remote;
@@ -38,6 +38,7 @@ pub(crate) struct Args {
 /// `herd drive`
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let config = args.walker.load()?;
+    walker::expect_level(&config)?;
     let policy = args.walker.policy(&config)?;
     let lines = Lines::default();
     let worlds = lines.clone();

@@ -1,12 +1,12 @@
 //! `herd export trace`: an episode as JSON lines, or torques of one replayed without feedback.
 
 use crate::exit::Failure;
-use crate::walker::WalkerArgs;
+use crate::walker::{self, WalkerArgs};
 use anyhow::Context;
 use herd_actor::env::Observation;
 use herd_actor::robot::{GRAVITY, Model};
-use herd_actor::sim::{Record, Snapshot};
-use herd_actor::trace;
+use herd_actor::sim::Snapshot;
+use herd_actor::trace::{self, Record};
 use herd_common::config::Config;
 use herd_common::episode::Outcome;
 use serde::{Deserialize, Serialize};
@@ -97,6 +97,7 @@ fn record(args: &Args, config: &Config) -> anyhow::Result<Vec<Line>> {
 }
 
 fn replay(config: &Config, file: &Path, at: f64, secs: Option<f64>) -> anyhow::Result<Vec<Line>> {
+    walker::expect_level(config)?;
     let text =
         std::fs::read_to_string(file).map_err(|e| Failure::usage(format!("read trace {}: {e}", file.display())))?;
     let (held, start, recorded) = read(&text).with_context(|| format!("read trace {}", file.display()))?;
