@@ -12,7 +12,7 @@ SWING_TICKS = 75
 # Of a swing's ticks so many have two feet up; without balance of its own the robot bears no more.
 LIFTED_TICKS = 25
 STIFFNESS, DAMPING = 120.0, 3.0  # N·m/rad, N·m·s/rad: a robot that stands and trots on the spot; tried out in both
-ROD_RADIUS = 0.01
+ROD_RADIUS, HIP_EDGE = 0.012, 0.04  # m, as in actor/src/robot/model.rs
 
 
 def robot():
@@ -44,13 +44,14 @@ def rod(mass, length):
     return [across, across, mass * ROD_RADIUS**2 / 2]
 
 
-def links(r):
-    """Of each leg: name, mass, centre of mass, inertia, joint axis."""
+def links(r, side):
+    """Of the leg on this side: name, mass, centre of mass, inertia, joint axis."""
     thigh, calf = r["thigh_m"], r["calf_m"]
+    hip = box(r["hip_mass_kg"], HIP_EDGE, HIP_EDGE, HIP_EDGE)
     return [
-        ("hip", r["hip_mass_kg"], 0.0, box(r["hip_mass_kg"], 0.05, 0.05, 0.05), (1, 0, 0)),
-        ("thigh", r["thigh_mass_kg"], -thigh / 2, rod(r["thigh_mass_kg"], thigh), (0, 1, 0)),
-        ("calf", r["calf_mass_kg"], -calf / 2, rod(r["calf_mass_kg"], calf), (0, 1, 0)),
+        ("hip", r["hip_mass_kg"], (0, side * r["hip_link_m"] / 2, 0), hip, (1, 0, 0)),
+        ("thigh", r["thigh_mass_kg"], (0, 0, -thigh / 2), rod(r["thigh_mass_kg"], thigh), (0, 1, 0)),
+        ("calf", r["calf_mass_kg"], (0, 0, -calf / 2), rod(r["calf_mass_kg"], calf), (0, 1, 0)),
     ]
 
 
@@ -81,10 +82,10 @@ def mjcf(actuator):
     bodies, actuators = "", ""
     for name, hip, side in legs(r):
         origins = [hip, (0, side * r["hip_link_m"], 0), (0, 0, -r["thigh_m"])]
-        for (link, mass, centre, inertia, axis), origin in zip(links(r), origins, strict=True):
+        for (link, mass, centre, inertia, axis), origin in zip(links(r, side), origins, strict=True):
             bodies += (
                 f'<body name="{name}_{link}" pos="{numbers(origin)}">'
-                f'<inertial pos="0 0 {centre:.9g}" mass="{mass}" diaginertia="{numbers(inertia)}"/>'
+                f'<inertial pos="{numbers(centre)}" mass="{mass}" diaginertia="{numbers(inertia)}"/>'
                 f'<joint name="{name}_{link}" axis="{numbers(axis)}" damping="{r["joint_damping"]}"'
                 f' armature="{r["joint_armature"]}"/>'
             )
@@ -109,14 +110,14 @@ def urdf():
     def link(name, mass, centre, inertia, shape=""):
         xx, yy, zz = inertia
         return (
-            f'<link name="{name}"><inertial><origin xyz="0 0 {centre:.9g}"/><mass value="{mass}"/>'
+            f'<link name="{name}"><inertial><origin xyz="{numbers(centre)}"/><mass value="{mass}"/>'
             f'<inertia ixx="{xx:.9g}" iyy="{yy:.9g}" izz="{zz:.9g}" ixy="0" ixz="0" iyz="0"/></inertial>'
             f"{shape}</link>"
         )
 
     size = numbers(r["trunk_size_m"])
     trunk = f'<collision><geometry><box size="{size}"/></geometry></collision>'
-    text = link("trunk", r["trunk_mass_kg"], 0, box(r["trunk_mass_kg"], *r["trunk_size_m"]), trunk)
+    text = link("trunk", r["trunk_mass_kg"], (0, 0, 0), box(r["trunk_mass_kg"], *r["trunk_size_m"]), trunk)
     foot = (
         f'<collision><origin xyz="0 0 {-r["calf_m"]}"/><geometry><sphere radius="{r["foot_radius_m"]}"/></geometry>'
         "</collision>"
@@ -124,7 +125,7 @@ def urdf():
     for name, hip, side in legs(r):
         origins = [hip, (0, side * r["hip_link_m"], 0), (0, 0, -r["thigh_m"])]
         parent = "trunk"
-        for (part, mass, centre, inertia, axis), origin in zip(links(r), origins, strict=True):
+        for (part, mass, centre, inertia, axis), origin in zip(links(r, side), origins, strict=True):
             child = f"{name}_{part}"
             inertia = [value + r["joint_armature"] for value in inertia]
             text += link(child, mass, centre, inertia, foot if part == "calf" else "")

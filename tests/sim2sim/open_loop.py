@@ -194,7 +194,8 @@ def spread(rows, key):
     """Mean over the rows of a figure of both simulators, and their mean absolute difference."""
     pairs = np.array([[row[key]["herd"], row[key]["mujoco"]] for row in rows])
     herds, mujocos = pairs.mean(axis=0)
-    return {"herd": float(herds), "mujoco": float(mujocos), "mean_abs_difference": float(np.abs(pairs @ [1, -1]).mean())}
+    apart = np.abs(pairs @ [1, -1]).mean()
+    return {"herd": float(herds), "mujoco": float(mujocos), "mean_abs_difference": float(apart)}
 
 
 def measure(xml):
