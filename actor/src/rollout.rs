@@ -105,6 +105,17 @@ mod tests {
     }
 
     #[test]
+    fn the_robot_walks_up_a_slope_and_over_steps_that_it_cannot_see() {
+        for site in ["scenario.slope_deg=[10, 10]", "scenario.step_m=[0.02, 0.02]", "scenario.bump_m=[0.02, 0.02]"] {
+            let config = Config::load(None, &[site.to_owned()]).expect("valid");
+            let (outcome, _) = run_constant(&config, &gait(0.4), Seed::from_number(1));
+            assert_eq!(outcome.ending, Ending::TimedOut, "{site}: {outcome:?}");
+            let speed = outcome.mean_speed();
+            assert!((speed / 0.4 - 1.0).abs() < 0.05, "{site}: {speed} m/s");
+        }
+    }
+
+    #[test]
     fn random_actions_do_not_trip_the_robot() {
         let mut env = Env::new(&Config::default());
         for number in 0..2 {

@@ -8,6 +8,7 @@ use super::latency::Latency;
 use super::leg::Body;
 use super::reference::Reference;
 use super::stance::Outlook;
+use super::terrain::Terrain;
 use crate::gait::{Motion, Pair, Planner, Schedule, Swing};
 use crate::mpc::{self, Mpc, Status};
 use crate::robot::{Leg, Model};
@@ -36,6 +37,7 @@ pub struct Controller {
     duties: [Duty; 4],
     forces: [Vector3<f64>; 4],
     reference: Option<Reference>,
+    terrain: Terrain,
     ticks_to_solve: u32,
     counts: Counts,
     timer: Option<Timer>,
@@ -59,6 +61,7 @@ impl Controller {
             duties: [Duty::Stands; 4],
             forces: [Vector3::zeros(); 4],
             reference: None,
+            terrain: Terrain::level(),
             ticks_to_solve: 0,
             counts: Counts::default(),
             timer: None,
@@ -100,6 +103,7 @@ impl Controller {
         self.duties = [Duty::Stands; 4];
         self.forces = [Vector3::zeros(); 4];
         self.reference = None;
+        self.terrain = Terrain::level();
         self.counts = Counts::default();
     }
 
@@ -124,6 +128,7 @@ impl Controller {
 
     /// Torques (N·m) for the next tick, from the state after the last one.
     pub fn torques(&mut self, body: &Body<'_>, contacts: &Contacts) -> [Vector3<f64>; 4] {
+        self.terrain.feel(body, &self.duties, contacts, self.tick_secs);
         let motion = self.motion(body);
         self.aim(&motion);
         if contact::notice(&mut self.duties, &self.schedule, contacts, &self.config.swing, &mut self.counts) {
@@ -157,6 +162,7 @@ impl Controller {
                 && self.schedule.swings(leg)
             {
                 *target = self.planner.foothold(leg, motion, self.gait.stride_m, stance_secs, remaining);
+                target.z += self.terrain.height(&target.xy());
             }
         }
     }
@@ -173,6 +179,7 @@ impl Controller {
             target: motion.wanted + lead * self.config.gait.position_gain,
             acceleration: self.config.gait.acceleration_mps2,
             height: self.height,
+            terrain: &self.terrain,
         };
         let (state, horizon) = (outlook.state(), outlook.horizon(&self.config.mpc));
         if let Some(watcher) = &mut self.watcher {

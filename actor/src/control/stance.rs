@@ -9,6 +9,7 @@
 
 use super::contact::Duty;
 use super::leg::Body;
+use super::terrain::Terrain;
 use crate::gait::{Motion, Planner, Schedule};
 use crate::mpc::{State, Step};
 use crate::robot::Leg;
@@ -29,8 +30,10 @@ pub(super) struct Outlook<'a> {
     pub(super) target: Vector2<f64>,
     /// Largest acceleration of the reference along an axis, m/s².
     pub(super) acceleration: f64,
-    /// Height of the centre of mass, m.
+    /// Height of the centre of mass over the ground, m.
     pub(super) height: f64,
+    /// The ground as the feet feel it.
+    pub(super) terrain: &'a Terrain,
 }
 
 impl Outlook<'_> {
@@ -68,11 +71,12 @@ impl Outlook<'_> {
             velocity[axis] = now + missing.signum() * self.acceleration * ramp_secs;
             place[axis] += f64::midpoint(now, velocity[axis]) * ramp_secs + velocity[axis] * (ahead - ramp_secs);
         }
+        let tilt = self.terrain.tilt(self.motion.yaw);
         State {
-            angles: Vector3::zeros(),
-            position: Vector3::new(place.x, place.y, self.height),
+            angles: Vector3::new(tilt.x, tilt.y, 0.0),
+            position: Vector3::new(place.x, place.y, self.terrain.height(&place) + self.height),
             angular_velocity: Vector3::zeros(),
-            velocity: Vector3::new(velocity.x, velocity.y, 0.0),
+            velocity: Vector3::new(velocity.x, velocity.y, self.terrain.climb(&velocity)),
         }
     }
 
@@ -94,6 +98,6 @@ impl Outlook<'_> {
                 self.planner.foothold(leg, &self.motion, self.stride, self.schedule.duration_secs(), when)
             }
         };
-        Some(Vector3::new(place.x, place.y, 0.0))
+        Some(Vector3::new(place.x, place.y, self.terrain.height(&place.xy())))
     }
 }
