@@ -101,7 +101,7 @@ fn metadata(policy: &Policy, config: &Config) -> Vec<StringStringEntryProto> {
 /// A float tensor `[batch, length]` that goes in or comes out.
 fn port(name: &str, length: usize) -> ValueInfoProto {
     let batch = Dimension { dim_value: None, dim_param: Some("batch".to_owned()) };
-    let length = Dimension { dim_value: Some(length as i64), dim_param: None };
+    let length = Dimension { dim_value: Some(signed(length)), dim_param: None };
     let shape = Some(TensorShapeProto { dim: vec![batch, length] });
     let tensor_type = Some(TensorTypeProto { elem_type: FLOAT, shape });
     ValueInfoProto { name: name.to_owned(), r#type: Some(TypeProto { tensor_type }) }
@@ -109,11 +109,15 @@ fn port(name: &str, length: usize) -> ValueInfoProto {
 
 fn tensor(name: &str, shape: &[usize], numbers: &[f32]) -> TensorProto {
     TensorProto {
-        dims: shape.iter().map(|length| *length as i64).collect(),
+        dims: shape.iter().map(|length| signed(*length)).collect(),
         data_type: FLOAT,
         name: name.to_owned(),
         raw_data: numbers.iter().flat_map(|number| number.to_le_bytes()).collect(),
     }
+}
+
+fn signed(length: usize) -> i64 {
+    i64::try_from(length).expect("a policy's layers are bounded")
 }
 
 fn node(op_type: &str, input: Vec<String>, output: &str) -> NodeProto {
@@ -259,7 +263,7 @@ mod tests {
                 "Tanh" => x.iter().map(|x| x.tanh()).collect(),
                 "Gemm" => {
                     let ((shape, w), (_, b)) = (&constants[node.input[1].as_str()], &constants[node.input[2].as_str()]);
-                    assert_eq!(*shape, [x.len() as i64, b.len() as i64]);
+                    assert_eq!(*shape, [signed(x.len()), signed(b.len())]);
                     let row = |o: usize| x.iter().enumerate().map(move |(i, x)| x * w[i * b.len() + o]).sum::<f32>();
                     (0..b.len()).map(|o| row(o) + b[o]).collect()
                 }
