@@ -51,14 +51,14 @@ pub fn film(env: &mut Env, seed: Seed, every_ticks: u64, act: &mut dyn FnMut(&Ob
     if every_ticks > 0 {
         let (model, tick_secs) = (env.model().clone(), env.tick_secs());
         // Nobody has looked at the ground yet: the robot was set down on all four feet.
-        let _ = camera.send(Frame::new(&model, 0.0, env.state(), &[true; 4]));
+        let _ = camera.send(Frame::new(&model, 0.0, env.state(), [true; 4]));
         let mut ticks = 0;
         env.set_observer(Some(Box::new(move |state: &RobotState, contacts: &Contacts, _: &_| {
             ticks += 1;
             if ticks % every_ticks == 0 {
                 let down = contacts.normal.map(|force| force > 0.0);
                 // The film is over when nobody takes its frames any more.
-                let _ = camera.send(Frame::new(&model, ticks as f64 * tick_secs, state, &down));
+                let _ = camera.send(Frame::new(&model, ticks as f64 * tick_secs, state, down));
             }
         })));
     }
@@ -78,7 +78,7 @@ pub fn film(env: &mut Env, seed: Seed, every_ticks: u64, act: &mut dyn FnMut(&Ob
 }
 
 impl Frame {
-    fn new(model: &Model, secs: f64, state: &RobotState, down: &[bool; 4]) -> Self {
+    fn new(model: &Model, secs: f64, state: &RobotState, down: [bool; 4]) -> Self {
         let world = |body: nalgebra::Vector3<f64>| Point::from(state.position + state.rotation * body);
         let legs = Leg::ALL.map(|leg| model.geometry.posture(leg, &state.joints[leg.index()]));
         let half = model.trunk_size / 2.0;
@@ -97,7 +97,7 @@ impl Frame {
             angles: state.angles().into(),
             trunk: [corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0), corner(-1.0, 1.0)],
             legs: Leg::ALL.map(points),
-            down: *down,
+            down,
         }
     }
 }
