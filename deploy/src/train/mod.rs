@@ -12,6 +12,7 @@ use child::{Child, End};
 use herd_common::config::Config;
 use herd_common::shutdown;
 use std::path::{Path, PathBuf};
+pub(crate) use summary::Run;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
@@ -24,50 +25,63 @@ Examples:
   herd train --actors 2 --run-dir runs/torque --set task.kind=torque --seed 7
 Logs of the parts are in DIR/logs.")]
 pub(crate) struct Args {
-    /// Where the run lies; a run that is there is continued.
-    #[arg(long, value_name = "DIR")]
-    run_dir: PathBuf,
-    /// Actor processes to start.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
-    actors: u32,
-    /// Robots of each actor.
-    #[arg(long, value_name = "M", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
-    robots: u32,
-    /// Episodes of the run: short for --set episodes=N.
-    #[arg(long, value_name = "N")]
-    episodes: Option<u64>,
     #[command(flatten)]
-    config: ConfigArgs,
+    job: Job,
     /// Print the summary as JSON.
     #[arg(long)]
     json: bool,
 }
 
-/// `herd train`
-pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let sets = with_episodes(&args.config, args.episodes);
-    let config = wing::run::effective_config(Some(&args.run_dir), args.config.config.as_deref(), &sets);
-    let config = config.map_err(wing::told)?;
-    let done = episodes_done(&args.run_dir)?.filter(|done| *done >= config.episodes);
-    // Of another run than the one that lies here nothing is complete: the learner refuses it by name.
-    if let Some(done) = done.filter(|_| is_run_of(&args.run_dir, &config)) {
-        return out::print(&summary::already_complete(&args.run_dir, done, config.episodes));
-    }
-    std::fs::create_dir_all(args.run_dir.join("logs")).context("make the directory of logs")?;
-    // One thread: the kernel ends our children when the thread that started them ends.
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("start the runtime")?;
-    runtime.block_on(train(args, &config, &sets))
+/// One training: what to run, and where.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct Job {
+    /// Where the run lies; a run that is there is continued.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) run_dir: PathBuf,
+    /// Actor processes to start.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub(crate) actors: u32,
+    /// Robots of each actor.
+    #[arg(long, value_name = "M", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub(crate) robots: u32,
+    /// Episodes of the run: short for --set episodes=N.
+    #[arg(long, value_name = "N")]
+    pub(crate) episodes: Option<u64>,
+    #[command(flatten)]
+    pub(crate) config: ConfigArgs,
 }
 
-async fn train(args: &Args, config: &Config, sets: &[String]) -> anyhow::Result<()> {
-    let stop = shutdown::on_signal().context("watch for signals")?;
-    let (learner_stop, actors_stop) = (CancellationToken::new(), CancellationToken::new());
-    let mut learner = tokio::spawn(child::supervise(learner(args, sets)?, learner_stop.clone()));
-    let mut actors = JoinSet::new();
-    for index in 0..args.actors {
-        actors.spawn(child::supervise(actor(args, index)?, actors_stop.clone()));
+/// `herd train`
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let job = &args.job;
+    let (config, _) = job.effective()?;
+    let done = episodes_done(&job.run_dir)?.filter(|done| *done >= config.episodes);
+    // Of another run than the one that lies here nothing is complete: the learner refuses it by name.
+    if let Some(done) = done.filter(|_| is_run_of(&job.run_dir, &config)) {
+        return out::print(&summary::already_complete(&job.run_dir, done, config.episodes));
     }
-    let mut progress = progress::Progress::start(&args.run_dir, config.episodes);
+    // One thread: the kernel ends our children when the thread that started them ends.
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("start the runtime")?;
+    let run = runtime.block_on(async {
+        let stop = shutdown::on_signal().context("watch for signals")?;
+        train(job, &stop).await
+    })?;
+    summary::tell(&job.run_dir, &run, args.json)
+}
+
+/// Trains with processes of this machine until the run is complete or `stop` is cancelled, and shows how it goes.
+///
+/// The children end with the thread that this runs on.
+pub(crate) async fn train(job: &Job, stop: &CancellationToken) -> anyhow::Result<Run> {
+    let (config, sets) = job.effective()?;
+    std::fs::create_dir_all(job.run_dir.join("logs")).context("make the directory of logs")?;
+    let (learner_stop, actors_stop) = (CancellationToken::new(), CancellationToken::new());
+    let mut learner = tokio::spawn(child::supervise(learner(job, &sets)?, learner_stop.clone()));
+    let mut actors = JoinSet::new();
+    for index in 0..job.actors {
+        actors.spawn(child::supervise(actor(job, index)?, actors_stop.clone()));
+    }
+    let mut progress = progress::Progress::start(&job.run_dir, config.episodes);
     let ended = loop {
         tokio::select! {
             ended = &mut learner => break ended.context("watch the learner")?,
@@ -87,8 +101,16 @@ async fn train(args: &Args, config: &Config, sets: &[String]) -> anyhow::Result<
         learner.await.context("watch the learner")??;
     }
     ended?;
-    let done = episodes_done(&args.run_dir)?.unwrap_or(0);
-    summary::tell(&args.run_dir, &summary::Run { status: last, done, target: config.episodes }, args.json)
+    Ok(Run { status: last, done: episodes_done(&job.run_dir)?.unwrap_or(0), target: config.episodes })
+}
+
+impl Job {
+    /// The configuration that it means, and all overrides of it.
+    fn effective(&self) -> anyhow::Result<(Config, Vec<String>)> {
+        let sets = with_episodes(&self.config, self.episodes);
+        let config = wing::run::effective_config(Some(&self.run_dir), self.config.config.as_deref(), &sets);
+        Ok((config.map_err(wing::told)?, sets))
+    }
 }
 
 fn is_run_of(run_dir: &Path, config: &Config) -> bool {
@@ -99,21 +121,21 @@ fn episodes_done(run_dir: &Path) -> anyhow::Result<Option<u64>> {
     Ok(wing::run::peek(run_dir).map_err(wing::told)?.map(|progress| progress.episodes))
 }
 
-fn learner(args: &Args, sets: &[String]) -> anyhow::Result<Child> {
+fn learner(job: &Job, sets: &[String]) -> anyhow::Result<Child> {
     let mut words = vec!["learner".into(), "--listen".into(), "127.0.0.1:0".into()];
-    words.extend(["--run-dir".into(), args.run_dir.clone().into_os_string()]);
-    if let Some(file) = &args.config.config {
+    words.extend(["--run-dir".into(), job.run_dir.clone().into_os_string()]);
+    if let Some(file) = &job.config.config {
         words.extend(["--config".into(), file.clone().into_os_string()]);
     }
     for set in sets {
         words.extend(["--set".into(), set.into()]);
     }
-    Child::new("learner", words, &args.run_dir)
+    Child::new("learner", words, &job.run_dir)
 }
 
-fn actor(args: &Args, index: u32) -> anyhow::Result<Child> {
+fn actor(job: &Job, index: u32) -> anyhow::Result<Child> {
     let mut address = std::ffi::OsString::from("file:");
-    address.push(args.run_dir.join("address"));
-    let words = vec!["actor".into(), "--learner".into(), address, "--robots".into(), args.robots.to_string().into()];
-    Child::new(&format!("actor-{index}"), words, &args.run_dir)
+    address.push(job.run_dir.join("address"));
+    let words = vec!["actor".into(), "--learner".into(), address, "--robots".into(), job.robots.to_string().into()];
+    Child::new(&format!("actor-{index}"), words, &job.run_dir)
 }
