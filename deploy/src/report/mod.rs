@@ -1,6 +1,10 @@
 //! `herd report`: what a run's own records show, as figures to look at.
 
-mod records;
+#[cfg(all(feature = "actor", feature = "learner"))]
+pub(crate) mod chart;
+#[cfg(all(feature = "actor", feature = "learner"))]
+pub(crate) mod png;
+pub(crate) mod records;
 pub(crate) mod svg;
 
 use crate::out;

@@ -72,7 +72,7 @@ pub(crate) fn running_mean(points: &[(f64, f64)], window: usize) -> Vec<(f64, f6
 }
 
 /// The lines of a file that is perhaps being written: an unfinished last line is left out.
-fn lines<T: for<'de> Deserialize<'de>>(path: &Path) -> anyhow::Result<Vec<T>> {
+pub(crate) fn lines<T: for<'de> Deserialize<'de>>(path: &Path) -> anyhow::Result<Vec<T>> {
     let file = std::fs::File::open(path).with_context(|| format!("open {}", path.display()))?;
     let mut reader = BufReader::new(file);
     let (mut parsed, mut line) = (Vec::new(), String::new());

@@ -145,7 +145,7 @@ impl Style {
 }
 
 /// Values along one direction of the drawing. In decades, `from`, `to` and `step` are those of the logarithm.
-struct Axis {
+pub(crate) struct Axis {
     scale: Scale,
     from: f64,
     to: f64,
@@ -155,7 +155,7 @@ struct Axis {
 
 impl Axis {
     /// An axis whose ends are round numbers around all values.
-    fn around(values: impl Iterator<Item = f64>, scale: Scale, pixels: (f64, f64)) -> Self {
+    pub(crate) fn around(values: impl Iterator<Item = f64>, scale: Scale, pixels: (f64, f64)) -> Self {
         let values = values.map(|value| scale.along(value));
         let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
         let (low, high) = if low > high { (0.0, 1.0) } else { (low, high) };
@@ -165,12 +165,14 @@ impl Axis {
         Self { scale, from, to: if to > from { to } else { from + step }, step, pixels }
     }
 
-    fn at(&self, value: f64) -> f64 {
+    /// Where a value lies, pixels.
+    pub(crate) fn at(&self, value: f64) -> f64 {
         let (first, last) = self.pixels;
         first + (last - first) * (self.scale.along(value) - self.from) / (self.to - self.from)
     }
 
-    fn ticks(&self) -> Vec<(f64, String)> {
+    /// Round values along it with their labels.
+    pub(crate) fn ticks(&self) -> Vec<(f64, String)> {
         let count = ((self.to - self.from) / self.step).round() as u32;
         let decimals = (-self.step.log10().floor()).max(0.0) as usize;
         // Adding zero turns −0 into 0.
@@ -207,11 +209,13 @@ fn round_step(least: f64) -> f64 {
     [1.0, 2.0, 5.0].into_iter().map(|m| m * unit).find(|step| *step >= least).unwrap_or(10.0 * unit)
 }
 
-fn text((x, y): (f64, f64), anchor: &str, text: &str) -> String {
+/// One line of text whose anchor (`start`, `middle`, `end`) is at (x, y), pixels.
+pub(crate) fn text((x, y): (f64, f64), anchor: &str, text: &str) -> String {
     format!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{}</text>\n", escape(text))
 }
 
-fn escape(text: &str) -> String {
+/// Text as it may stand between tags.
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
