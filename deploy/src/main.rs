@@ -20,6 +20,8 @@ mod export;
 mod learner;
 mod report;
 #[cfg(all(feature = "actor", feature = "learner"))]
+mod reproduce;
+#[cfg(all(feature = "actor", feature = "learner"))]
 mod scale;
 mod status;
 #[cfg(all(feature = "actor", feature = "learner"))]
@@ -76,6 +78,8 @@ enum Command {
     #[cfg(feature = "actor")]
     Drive(drive::Args),
     #[cfg(all(feature = "actor", feature = "learner"))]
+    Reproduce(reproduce::Args),
+    #[cfg(all(feature = "actor", feature = "learner"))]
     Scale(scale::Args),
     Config(config::Args),
     Checkpoint(ask::CheckpointArgs),
@@ -115,6 +119,8 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Export(args) => export::run(&args),
         #[cfg(feature = "actor")]
         Command::Drive(args) => drive::run(&args),
+        #[cfg(all(feature = "actor", feature = "learner"))]
+        Command::Reproduce(args) => reproduce::run(&args),
         #[cfg(all(feature = "actor", feature = "learner"))]
         Command::Scale(args) => scale::run(&args),
         Command::Config(args) => config::run(&args),

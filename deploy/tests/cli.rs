@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Every subcommand.
-const SUBCOMMANDS: [&str; 13] = [
+const SUBCOMMANDS: [&str; 14] = [
     "train",
     "learner",
     "actor",
@@ -22,6 +22,7 @@ const SUBCOMMANDS: [&str; 13] = [
     "stop",
     "wait-ready",
     "report",
+    "reproduce",
     "scale",
     "export",
     "drive",

@@ -5,6 +5,7 @@ mod determinism;
 mod disk;
 mod hosts;
 mod python;
+mod reproduce;
 mod scale;
 mod services;
 mod sim2sim;

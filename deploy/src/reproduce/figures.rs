@@ -1,0 +1,239 @@
+//! The paper's figures from what was gathered, each with its caption.
+
+use super::claims::paper;
+use super::curves::{Band, Curve, WINDOW, band};
+use super::gather::{Gathered, Lacking, Trained, best};
+use super::play::FRAME_SECS;
+use super::strips;
+use crate::report::chart::{Chart, Colour, Mark, Panel, Shape};
+use crate::report::svg::Scale;
+use herd_actor::film::Frame;
+use herd_actor::gait::{advance, lift};
+use herd_common::config::task::Constant;
+
+/// A figure with what to say of it.
+pub(super) struct Figure {
+    /// Its file's name without ending.
+    pub(super) name: &'static str,
+    /// Above it.
+    pub(super) title: String,
+    /// Below it.
+    pub(super) caption: String,
+    /// The drawing.
+    pub(super) svg: String,
+}
+
+/// Points of a swing's curve.
+const SWING_POINTS: usize = 200;
+/// Beyond this ratio of episodes, the shorter training would be a sliver: the axis goes by decades.
+const WIDE: f64 = 3.0;
+
+/// All figures, in the paper's order.
+pub(super) fn all(gathered: &Gathered, swing: &Constant) -> Vec<Figure> {
+    let mut figures =
+        vec![figure_3(swing), figure_4(gathered), figure_5(gathered), figure_6(gathered), figure_7(gathered)];
+    figures.extend(ablations(&gathered.ablations));
+    figures
+}
+
+/// The swing of a foot by eq 15.
+fn figure_3(gait: &Constant) -> Figure {
+    let (stride, height, duration) = (gait.stride_m, gait.lift_m, gait.step_secs);
+    let curve = |of: &dyn Fn(f64) -> (f64, f64)| -> Curve {
+        (0..=SWING_POINTS).map(|i| of(i as f64 / SWING_POINTS as f64)).collect()
+    };
+    let over_time = |order: usize, y_label: &str, title: &str| {
+        let scale = duration.powi(order as i32);
+        let x = curve(&|s| (s * duration, stride * advance(s)[order] / scale));
+        let z = curve(&|s| (s * duration, height * lift(s)[order] / scale));
+        panel(
+            title,
+            "time into the swing (s)",
+            y_label,
+            vec![Mark::line("x, forwards", Colour::Blue, x), Mark::line("z, up", Colour::Orange, z)],
+        )
+    };
+    let path = curve(&|s| (stride * advance(s)[0], height * lift(s)[0]));
+    let panels = vec![
+        panel("(a) path of the foot", "x (m)", "z (m)", vec![Mark::line("", Colour::Blue, path)]),
+        over_time(0, "position (m)", "(b) position"),
+        over_time(1, "velocity (m/s)", "(c) velocity"),
+        over_time(2, "acceleration (m/s²)", "(d) acceleration"),
+    ];
+    Figure {
+        name: "figure-3-swing",
+        title: "Figure 3 · the swing of a foot".into(),
+        caption: format!(
+            "Equation 15 for S = {stride} m, H = {height} m, Δt = {duration} s, with its height corrected: as printed it \
+             jumps at mid-swing and ends at H. Velocity and acceleration vanish at both ends, as the paper says."
+        ),
+        svg: Chart { panels }.to_svg(),
+    }
+}
+
+/// Gaits as strips.
+fn figure_4(gathered: &Gathered) -> Figure {
+    let untrained = Some(("untrained planner".to_owned(), gathered.untrained.frames.as_slice()));
+    let strips: Vec<strips::Strip<'_>> = [
+        (untrained, Colour::Green),
+        (named("Group_0, torques: its best", best(gathered.torques())), Colour::Orange),
+        (named("Group_1, planner over MPC: its best", best(gathered.gaits())), Colour::Blue),
+    ]
+    .into_iter()
+    .filter_map(|(named, colour)| named.map(|(name, frames)| strips::Strip { name, frames, colour }))
+    .collect();
+    Figure {
+        name: "figure-4-gaits",
+        title: "Figure 4 · gaits".into(),
+        caption: "Side views from the right, x forwards, all to one scale. Above, poses on one ground, older ones paler: \
+                  from the start, while they fit. Below, one after the other with the camera on the trunk; ticks on the \
+                  ground are 0.1 m apart. A full foot carries load, an open one is in the air; the left legs are grey."
+            .into(),
+        svg: strips::draw(&strips),
+    }
+}
+
+/// The pictures of a training under the name of its group and seed.
+fn named<'a>(group: &str, trained: Option<&'a Trained>) -> Option<(String, &'a [Frame])> {
+    trained.map(|trained| (format!("{group}, seed {}", trained.seed), trained.measured.frames.as_slice()))
+}
+
+/// The three robots of figures 5 and 6: name, colour, pictures.
+fn walkers(gathered: &Gathered) -> Vec<(String, Colour, &[Frame])> {
+    let groups = [
+        (named("Group_0", best(gathered.torques())), Colour::Orange),
+        (named("Group_1", best(gathered.gaits())), Colour::Blue),
+    ];
+    let groups = groups.into_iter().filter_map(|(group, colour)| group.map(|(name, frames)| (name, colour, frames)));
+    let constant = ("best constant gait".to_owned(), Colour::Green, gathered.constant.measured.frames.as_slice());
+    [constant].into_iter().chain(groups).collect()
+}
+
+fn over_time(gathered: &Gathered, title: &str, y_label: &str, of: impl Fn(&Frame) -> f64) -> Panel {
+    let line = |(name, colour, frames): (String, Colour, &[Frame])| {
+        Mark::line(&name, colour, frames.iter().map(|frame| (frame.secs, of(frame))).collect())
+    };
+    let walkers = walkers(gathered);
+    let longest = walkers.iter().filter_map(|(.., frames)| frames.last()).map(|last| last.secs).fold(0.0, f64::max);
+    let fall = |(_, colour, frames): &(String, Colour, &[Frame])| {
+        let last = frames.last().filter(|last| last.secs + FRAME_SECS < longest)?;
+        let dot = Shape::Dots(vec![(last.secs, of(last))]);
+        Some(Mark { name: String::new(), colour: *colour, shape: dot })
+    };
+    let falls: Vec<Mark> = walkers.iter().filter_map(fall).collect();
+    panel(title, "time (s)", y_label, walkers.into_iter().map(line).chain(falls).collect())
+}
+
+/// The centre of mass.
+fn figure_5(gathered: &Gathered) -> Figure {
+    let panels = vec![
+        over_time(gathered, "(a) forwards", "x (m)", |frame| frame.centre[0]),
+        over_time(gathered, "(b) sideways", "y (m)", |frame| frame.centre[1]),
+        over_time(gathered, "(c) height", "z (m)", |frame| frame.centre[2]),
+    ];
+    let ms = FRAME_SECS * 1e3;
+    Figure {
+        name: "figure-5-centre-of-mass",
+        title: "Figure 5 · centre of mass".into(),
+        caption: format!(
+            "The whole robot's centre of mass in the world, every {ms:.0} ms of the first evaluation episode. A line that \
+             ends in a dot ends in a fall. The paper's Group_0 slows down and drifts sideways, its Group_1 keeps its speed."
+        ),
+        svg: Chart { panels }.to_svg(),
+    }
+}
+
+/// Roll and pitch.
+fn figure_6(gathered: &Gathered) -> Figure {
+    let panels = vec![
+        over_time(gathered, "(a) roll", "roll (rad)", |frame| frame.angles[0]),
+        over_time(gathered, "(b) pitch", "pitch (rad)", |frame| frame.angles[1]),
+    ];
+    let ((roll_1, roll_0), (pitch_1, pitch_0)) = (paper::ROLL, paper::PITCH);
+    Figure {
+        name: "figure-6-roll-pitch",
+        title: "Figure 6 · roll and pitch".into(),
+        caption: format!(
+            "The same episodes. The paper gives variances: roll {roll_0:.1e} (Group_0) and {roll_1:.1e} (Group_1) rad², \
+             pitch {pitch_0:.1e} and {pitch_1:.1e} rad²; ours are in the tables."
+        ),
+        svg: Chart { panels }.to_svg(),
+    }
+}
+
+/// Return while learning.
+fn figure_7(gathered: &Gathered) -> Figure {
+    let curves = |of: fn(&Trained) -> Curve| {
+        (gathered.torques().map(of).collect::<Vec<_>>(), gathered.gaits().map(of).collect::<Vec<_>>())
+    };
+    let groups = |(torque, gait): &(Vec<Curve>, Vec<Curve>)| {
+        let both = [("Group_0", Colour::Orange, band(torque)), ("Group_1", Colour::Blue, band(gait))];
+        both.into_iter().flat_map(|(name, colour, band)| banded(name, colour, &band)).collect::<Vec<_>>()
+    };
+    let with_paper = |mut marks: Vec<Mark>| {
+        marks.push(Mark::level("paper, Group_1", Colour::Blue, paper::GAIT_RETURN));
+        marks.push(Mark::level("paper, Group_0", Colour::Orange, paper::TORQUE_RETURN));
+        marks
+    };
+    let (episodes, transitions) = (curves(Trained::over_episodes), curves(Trained::over_transitions));
+    let end = |curves: &[Curve]| curves.iter().filter_map(|curve| curve.last()).map(|(x, _)| *x).fold(1.0, f64::max);
+    let ratio = end(&episodes.0) / end(&episodes.1);
+    let x_scale = if (1.0 / WIDE..=WIDE).contains(&ratio) { Scale::Linear } else { Scale::Decades };
+    let (return_label, transitions_label) = ("return (eq 10, no unit)", "transitions (decisions learned from)");
+    let near = panel(
+        "(c) the same, near the paper's values",
+        transitions_label,
+        return_label,
+        with_paper(groups(&transitions)),
+    );
+    let panels = vec![
+        Panel { x_scale, ..panel("(a) over episodes", "episode", return_label, groups(&episodes)) },
+        panel("(b) over transitions", transitions_label, return_label, groups(&transitions)),
+        Panel { y_range: Some((-50.0, 250.0)), ..near },
+    ];
+    let n = gathered.pairs.len();
+    Figure {
+        name: "figure-7-return",
+        title: "Figure 7 · return while learning".into(),
+        caption: format!(
+            "Returns of training episodes, exploration noise included, averaged over {WINDOW} episodes. Lines are medians \
+             of {n} seeds, areas reach from the lowest to the highest. Episodes of the two groups differ in length, so \
+             (b) and (c) compare what was learned from: Group_0 was trained on at least as many transitions."
+        ),
+        svg: Chart { panels }.to_svg(),
+    }
+}
+
+/// Each ablation beside the default.
+fn ablations(lacking: &[Lacking]) -> Option<Figure> {
+    let (default, others) = lacking.split_first()?;
+    let of = |lacking: &Lacking| band(&lacking.runs.iter().map(Trained::over_transitions).collect::<Vec<_>>());
+    let panels = others.iter().map(|other| {
+        let name = other.ablation.as_ref().map_or("", |ablation| ablation.name);
+        let marks = banded("default", Colour::Grey, &of(default)).into_iter().chain(banded(
+            "without",
+            Colour::Blue,
+            &of(other),
+        ));
+        panel(name, "transitions", "return (eq 10, no unit)", marks.collect())
+    });
+    let panels = panels.collect();
+    Some(Figure {
+        name: "ablations",
+        title: "What each part of the default learner does".into(),
+        caption: format!("Training returns averaged over {WINDOW} episodes, as in Figure 7."),
+        svg: Chart { panels }.to_svg(),
+    })
+}
+
+/// A band with its median.
+fn banded(name: &str, colour: Colour, band: &Band) -> Vec<Mark> {
+    let area = band.x.iter().zip(&band.low).zip(&band.high).map(|((x, low), high)| (*x, *low, *high)).collect();
+    let median = band.x.iter().copied().zip(band.median.iter().copied()).collect();
+    vec![Mark { name: String::new(), colour, shape: Shape::Band(area) }, Mark::line(name, colour, median)]
+}
+
+fn panel(title: &str, x_label: &str, y_label: &str, marks: Vec<Mark>) -> Panel {
+    let [title, x_label, y_label] = [title, x_label, y_label].map(str::to_owned);
+    Panel { title, x_label, y_label, x_scale: Scale::Linear, y_range: None, marks }
+}

@@ -1,0 +1,152 @@
+//! Everything that a report is made of, read from where the steps have left it.
+
+use super::ablations::{self, Ablation};
+use super::curves::{Curve, smooth};
+use super::measure::Measured;
+use super::settings::Settings;
+use super::steps::{Searched, Subject, searched};
+use super::training::{Cost, Line, Training, history};
+use crate::exit::Failure;
+use herd_common::config::task;
+
+/// All of it.
+pub(super) struct Gathered {
+    /// The two groups, seed by seed.
+    pub(super) pairs: Vec<Pair>,
+    /// What the first training of Group_1 started from.
+    pub(super) untrained: Measured,
+    /// The best constant gait.
+    pub(super) constant: ConstantGait,
+    /// Ablations of which there is at least one training, and the default beside them.
+    pub(super) ablations: Vec<Lacking>,
+}
+
+/// The trainings of one seed.
+pub(super) struct Pair {
+    /// The seed.
+    pub(super) seed: u64,
+    /// Group_1.
+    pub(super) gait: Trained,
+    /// Group_0.
+    pub(super) torque: Trained,
+}
+
+/// A training that was evaluated.
+pub(super) struct Trained {
+    /// Its seed.
+    pub(super) seed: u64,
+    /// Its episodes.
+    pub(super) lines: Vec<Line>,
+    /// What it cost.
+    pub(super) cost: Cost,
+    /// Its last policy.
+    pub(super) measured: Measured,
+}
+
+/// The best constant gait.
+pub(super) struct ConstantGait {
+    /// How it was found.
+    pub(super) searched: Searched,
+    /// The gait.
+    pub(super) gait: task::Constant,
+    /// What it is worth.
+    pub(super) measured: Measured,
+}
+
+/// An ablation.
+pub(super) struct Lacking {
+    /// Which; none is the default itself.
+    pub(super) ablation: Option<Ablation>,
+    /// Its trainings.
+    pub(super) runs: Vec<Trained>,
+}
+
+impl Gathered {
+    /// Reads what lies in the directory; what is missing is named.
+    pub(super) fn read(settings: &Settings) -> anyhow::Result<Self> {
+        let pair = |seed: &u64| -> anyhow::Result<Pair> {
+            let (gait, torque) = (settings.gait(*seed), settings.torque(*seed));
+            Ok(Pair { seed: *seed, gait: trained(settings, &gait)?, torque: trained(settings, &torque)? })
+        };
+        let pairs = settings.seeds.iter().map(pair).collect::<anyhow::Result<Vec<_>>>()?;
+        let searched = searched(settings)?.ok_or_else(|| missing("the search for a constant gait", "constant"))?;
+        let untrained = measured(settings, &Subject::Untrained(settings.gait(settings.seeds[0])))?;
+        let constant = ConstantGait {
+            gait: settings.base.task.gait.from_action(&searched.found.action),
+            measured: measured(settings, &Subject::Constant)?,
+            searched,
+        };
+        Ok(Self { pairs, untrained, constant, ablations: lacking(settings)? })
+    }
+
+    /// The trainings of Group_1.
+    pub(super) fn gaits(&self) -> impl Iterator<Item = &Trained> {
+        self.pairs.iter().map(|pair| &pair.gait)
+    }
+
+    /// The trainings of Group_0.
+    pub(super) fn torques(&self) -> impl Iterator<Item = &Trained> {
+        self.pairs.iter().map(|pair| &pair.torque)
+    }
+}
+
+impl Trained {
+    /// Return over episodes, smoothed.
+    pub(super) fn over_episodes(&self) -> Curve {
+        smooth(&self.lines.iter().map(|line| (line.episode as f64, line.value)).collect::<Vec<_>>())
+    }
+
+    /// Return over transitions, smoothed over episodes.
+    pub(super) fn over_transitions(&self) -> Curve {
+        smooth(&self.lines.iter().map(|line| (line.transitions as f64, line.value)).collect::<Vec<_>>())
+    }
+}
+
+/// The training with the highest mean return without noise.
+pub(super) fn best<'a>(trained: impl Iterator<Item = &'a Trained>) -> Option<&'a Trained> {
+    trained.max_by(|a, b| a.measured.evaluation.value.mean.total_cmp(&b.measured.evaluation.value.mean))
+}
+
+fn trained(settings: &Settings, training: &Training) -> anyhow::Result<Trained> {
+    Ok(Trained {
+        seed: training.seed,
+        lines: history(&training.run_dir(&settings.dir))?,
+        cost: training.cost(&settings.dir)?,
+        measured: measured(settings, &Subject::Trained(training.clone()))?,
+    })
+}
+
+fn measured(settings: &Settings, subject: &Subject) -> anyhow::Result<Measured> {
+    subject.measured(settings)?.ok_or_else(|| missing(&format!("the evaluation of {}", subject.name()), "evaluation"))
+}
+
+fn missing(what: &str, stage: &str) -> anyhow::Error {
+    Failure::usage(format!("the report needs {what}, which is not there yet: --stages {stage}")).into()
+}
+
+/// The ablations that are there, with the default of the same seeds before them.
+fn lacking(settings: &Settings) -> anyhow::Result<Vec<Lacking>> {
+    let mut found = Vec::new();
+    for ablation in ablations::all()? {
+        let mut runs = Vec::new();
+        for seed in &settings.ablation_seeds {
+            let training = settings.ablation(&ablation, *seed);
+            let subject = Subject::Trained(training.clone());
+            if training.next_target(&settings.dir)?.is_none() && subject.measured(settings)?.is_some() {
+                runs.push(trained(settings, &training)?);
+            }
+        }
+        if !runs.is_empty() {
+            found.push(Lacking { ablation: Some(ablation), runs });
+        }
+    }
+    if found.is_empty() {
+        return Ok(found);
+    }
+    let mut default = Vec::new();
+    for seed in settings.ablation_seeds.iter().filter(|seed| settings.seeds.contains(seed)) {
+        default.push(trained(settings, &settings.gait(*seed))?);
+    }
+    found.insert(0, Lacking { ablation: None, runs: default });
+    Ok(found)
+}
