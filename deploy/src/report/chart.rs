@@ -205,13 +205,13 @@ impl Mark {
                     there.chain(back).map(|(px, py)| format!("{:.1} {:.1}", x.at(*px), y.at(*py))).collect();
                 format!("<path class=\"{class}\" d=\"M{}Z\" {paint}/>\n", at.join("L"))
             }
-            Shape::Dots(points) => points
-                .iter()
-                .map(|(px, py)| {
+            Shape::Dots(points) => {
+                let dot = |(px, py): &(f64, f64)| {
                     let (cx, cy) = (x.at(*px), y.at(*py));
                     format!("<circle class=\"{class}\" cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"4.5\" {paint}/>\n")
-                })
-                .collect(),
+                };
+                points.iter().map(dot).collect::<Vec<_>>().concat()
+            }
             Shape::Level(level) => {
                 let at = y.at(*level);
                 format!("<path class=\"{class}\" d=\"M{LEFT} {at:.1}H{right}\" {paint}/>\n")

@@ -60,7 +60,8 @@ pub(super) struct Facts {
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Claim {
     /// What is claimed.
-    pub(super) claim: String,
+    #[serde(rename = "claim")]
+    pub(super) text: String,
     /// The paper's figure.
     pub(super) paper: String,
     /// Ours.
@@ -146,89 +147,111 @@ const COMPARABLE_SECS: f64 = 2.0;
 
 /// Every claim that can be checked.
 pub(super) fn all(facts: &[Facts]) -> Vec<Claim> {
-    let claim_of = |claim: &str, paper: String, ours: String, holds: &dyn Fn(&Facts) -> Option<bool>| {
-        let answers: Vec<bool> = facts.iter().filter_map(holds).collect();
-        let (holds_on, seeds) = (answers.iter().filter(|holds| **holds).count(), answers.len());
-        let left_out = facts.len() - seeds;
-        let verdict = verdict(holds_on, seeds, left_out);
-        Claim { claim: claim.to_owned(), paper, ours, holds_on, seeds, left_out, verdict }
-    };
-    let claim = |text: &str, paper: String, ours: String, holds: &dyn Fn(&Facts) -> bool| {
-        claim_of(text, paper, ours, &|facts| Some(holds(facts)))
-    };
-    let steadier = |of: fn(&Side) -> f64| {
-        move |facts: &Facts| (facts.torque.seconds >= COMPARABLE_SECS).then(|| of(&facts.gait) < of(&facts.torque))
-    };
-    let figures = |of: &dyn Fn(&Facts) -> f64| facts.iter().map(of).collect::<Vec<_>>();
-    let plain = |of: &dyn Fn(&Facts) -> f64| spread(&figures(of), |x| format!("{x:.1}"));
-    let episodes = |of: &dyn Fn(&Facts) -> Option<f64>| {
-        let reached: Vec<f64> = facts.iter().filter_map(of).collect();
-        if reached.is_empty() { "never".to_owned() } else { spread(&reached, |x| format!("{x:.0}")) }
-    };
-    let variances = |of: fn(&Side) -> f64| {
-        let side = |side: fn(&Facts) -> &Side| spread(&figures(&|f| of(side(f))), |x| format!("{x:.1e}"));
-        format!("{} against {}", side(|f| &f.gait), side(|f| &f.torque))
-    };
-    let against = |(gait, torque): (f64, f64)| format!("{gait:.1e} against {torque:.1e}");
-    vec![
-        claim("Group_1 ends at this return", format!("{:.0}", paper::GAIT_RETURN), plain(&|f| f.gait.value), &|f| {
-            f.gait.value >= paper::GAIT_RETURN
-        }),
-        claim(
-            "Group_0 ends at this return",
-            format!("{:.0}", paper::TORQUE_RETURN),
-            plain(&|f| f.torque.value),
-            &|f| f.torque.value >= paper::TORQUE_RETURN,
-        ),
-        claim(
-            "Group_1 earns this many times what Group_0 does, after as many transitions",
-            format!("{:.2}", paper::RATIO),
-            spread(&figures(&|f| f.gait.value / f.torque.value), |x| format!("{x:.2}")),
-            &|f| beats(f.gait.value, f.torque.value),
-        ),
-        claim(
-            "Group_1 has risen by this episode (ours: smoothed return reaches the paper's)",
-            format!("{:.0}", paper::RISE_EPISODE),
-            episodes(&|f| f.gait.reached_paper_at),
-            &|f| f.gait.reached_paper_at.is_some_and(|at| at <= paper::RISE_EPISODE),
-        ),
-        claim(
-            "Group_1 is above Group_0 from this episode on (ours: at equal transitions)",
-            format!("{:.0}", paper::OVERTAKING_EPISODE),
-            episodes(&|f| f.overtakes_at),
-            &|f| f.overtakes_at.is_some_and(|at| at <= paper::OVERTAKING_EPISODE),
-        ),
-        claim_of(
-            "Group_1 rolls less than Group_0 (variance, rad²)",
-            against(paper::ROLL),
-            variances(|side| side.roll_variance),
-            &steadier(|side| side.roll_variance),
-        ),
-        claim_of(
-            "Group_1 pitches less than Group_0 (variance, rad²)",
-            against(paper::PITCH),
-            variances(|side| side.pitch_variance),
-            &steadier(|side| side.pitch_variance),
-        ),
-        claim(
-            "Group_1 rolls no more than the paper's (variance, rad²)",
-            format!("{:.1e}", paper::ROLL.0),
-            times(&figures(&|f| f.gait.roll_variance), paper::ROLL.0),
-            &|f| f.gait.roll_variance <= paper::ROLL.0,
-        ),
-        claim(
-            "Group_1 pitches no more than the paper's (variance, rad²)",
-            format!("{:.1e}", paper::PITCH.0),
-            times(&figures(&|f| f.gait.pitch_variance), paper::PITCH.0),
-            &|f| f.gait.pitch_variance <= paper::PITCH.0,
-        ),
-    ]
+    let court = Court(facts);
+    [court.returns(), court.course(), court.steadiness()].concat()
 }
 
-/// Variances, and how many times the paper's the largest is.
-fn times(figures: &[f64], paper: f64) -> String {
-    let worst = figures.iter().copied().fold(0.0, f64::max) / paper;
-    format!("{}; at most {worst:.2} times the paper's", spread(figures, |x| format!("{x:.1e}")))
+/// Judges claims by the facts of some seeds.
+struct Court<'a>(&'a [Facts]);
+
+impl Court<'_> {
+    /// What the groups end at.
+    fn returns(&self) -> Vec<Claim> {
+        let plain = |of: fn(&Facts) -> f64| self.tell(of, |x| format!("{x:.1}"));
+        vec![
+            self.claim(
+                "Group_1 ends at this return",
+                format!("{:.0}", paper::GAIT_RETURN),
+                plain(|f| f.gait.value),
+                |f| Some(f.gait.value >= paper::GAIT_RETURN),
+            ),
+            self.claim(
+                "Group_0 ends at this return",
+                format!("{:.0}", paper::TORQUE_RETURN),
+                plain(|f| f.torque.value),
+                |f| Some(f.torque.value >= paper::TORQUE_RETURN),
+            ),
+            self.claim(
+                "Group_1 earns this many times what Group_0 does, after as many transitions",
+                format!("{:.2}", paper::RATIO),
+                self.tell(|f| f.gait.value / f.torque.value, |x| format!("{x:.2}")),
+                |f| Some(beats(f.gait.value, f.torque.value)),
+            ),
+        ]
+    }
+
+    /// How fast Group_1 learns.
+    fn course(&self) -> Vec<Claim> {
+        let episodes = |of: fn(&Facts) -> Option<f64>| {
+            let reached: Vec<f64> = self.0.iter().filter_map(of).collect();
+            if reached.is_empty() { "never".to_owned() } else { spread(&reached, |x| format!("{x:.0}")) }
+        };
+        vec![
+            self.claim(
+                "Group_1 has risen by this episode (ours: smoothed return reaches the paper's)",
+                format!("{:.0}", paper::RISE_EPISODE),
+                episodes(|f| f.gait.reached_paper_at),
+                |f| Some(f.gait.reached_paper_at.is_some_and(|at| at <= paper::RISE_EPISODE)),
+            ),
+            self.claim(
+                "Group_1 is above Group_0 from this episode on (ours: at equal transitions)",
+                format!("{:.0}", paper::OVERTAKING_EPISODE),
+                episodes(|f| f.overtakes_at),
+                |f| Some(f.overtakes_at.is_some_and(|at| at <= paper::OVERTAKING_EPISODE)),
+            ),
+        ]
+    }
+
+    /// How steady the trunk is.
+    fn steadiness(&self) -> Vec<Claim> {
+        let variances = |of: fn(&Facts) -> f64| self.tell(of, |x| format!("{x:.1e}"));
+        let against = |(gait, torque): (f64, f64)| format!("{gait:.1e} against {torque:.1e}");
+        let both = |gait, torque| format!("{} against {}", variances(gait), variances(torque));
+        let times = |of: fn(&Facts) -> f64, paper: f64| {
+            let worst = self.0.iter().map(of).fold(0.0, f64::max) / paper;
+            format!("{}; at most {worst:.2} times the paper's", variances(of))
+        };
+        let comparable = |facts: &Facts| facts.torque.seconds >= COMPARABLE_SECS;
+        vec![
+            self.claim(
+                "Group_1 rolls less than Group_0 (variance, rad²)",
+                against(paper::ROLL),
+                both(|f| f.gait.roll_variance, |f| f.torque.roll_variance),
+                |f| comparable(f).then_some(f.gait.roll_variance < f.torque.roll_variance),
+            ),
+            self.claim(
+                "Group_1 pitches less than Group_0 (variance, rad²)",
+                against(paper::PITCH),
+                both(|f| f.gait.pitch_variance, |f| f.torque.pitch_variance),
+                |f| comparable(f).then_some(f.gait.pitch_variance < f.torque.pitch_variance),
+            ),
+            self.claim(
+                "Group_1 rolls no more than the paper's (variance, rad²)",
+                format!("{:.1e}", paper::ROLL.0),
+                times(|f| f.gait.roll_variance, paper::ROLL.0),
+                |f| Some(f.gait.roll_variance <= paper::ROLL.0),
+            ),
+            self.claim(
+                "Group_1 pitches no more than the paper's (variance, rad²)",
+                format!("{:.1e}", paper::PITCH.0),
+                times(|f| f.gait.pitch_variance, paper::PITCH.0),
+                |f| Some(f.gait.pitch_variance <= paper::PITCH.0),
+            ),
+        ]
+    }
+
+    /// A claim with its verdict; a seed for which `holds` has no answer is left out.
+    fn claim(&self, text: &str, paper: String, ours: String, holds: impl Fn(&Facts) -> Option<bool>) -> Claim {
+        let answers: Vec<bool> = self.0.iter().filter_map(holds).collect();
+        let (holds_on, seeds) = (answers.iter().filter(|holds| **holds).count(), answers.len());
+        let left_out = self.0.len() - seeds;
+        let verdict = verdict(holds_on, seeds, left_out);
+        Claim { text: text.to_owned(), paper, ours, holds_on, seeds, left_out, verdict }
+    }
+
+    fn tell(&self, of: impl Fn(&Facts) -> f64, tell: impl Fn(f64) -> String) -> String {
+        spread(&self.0.iter().map(of).collect::<Vec<_>>(), tell)
+    }
 }
 
 /// The median of some figures, and their ends where they differ.

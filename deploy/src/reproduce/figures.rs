@@ -43,7 +43,7 @@ fn figure_3(gait: &Constant) -> Figure {
         (0..=SWING_POINTS).map(|i| of(i as f64 / SWING_POINTS as f64)).collect()
     };
     let over_time = |order: usize, y_label: &str, title: &str| {
-        let scale = duration.powi(order as i32);
+        let scale = [1.0, duration, duration.powi(2)][order];
         let x = curve(&|s| (s * duration, stride * advance(s)[order] / scale));
         let z = curve(&|s| (s * duration, height * lift(s)[order] / scale));
         panel(
@@ -211,7 +211,7 @@ fn ablations(lacking: &[Lacking]) -> Option<Figure> {
     let panels = others.iter().map(|other| {
         let name = other.ablation.as_ref().map_or("", |ablation| ablation.name);
         let marks = banded("default", Colour::Grey, &of(default)).into_iter().chain(banded(
-            "without",
+            "changed",
             Colour::Blue,
             &of(other),
         ));

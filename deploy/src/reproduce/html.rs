@@ -61,7 +61,7 @@ fn claims_table(report: &Report<'_>) -> String {
             _ if claim.holds() => "holds",
             _ => "fails",
         };
-        let cells = [&claim.claim, &claim.paper, &claim.ours].map(|cell| format!("<td>{}</td>", escape(cell)));
+        let cells = [&claim.text, &claim.paper, &claim.ours].map(|cell| format!("<td>{}</td>", escape(cell)));
         format!("<tr>{}<td class=\"{class}\">{}</td></tr>\n", cells.concat(), escape(&claim.verdict))
     });
     let fallen: Vec<String> = report
@@ -243,8 +243,8 @@ fn paragraph(text: &str) -> String {
 
 fn table(head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
     let rows = rows.map(|row| {
-        let cells: String = row.iter().map(|cell| format!("<td>{}</td>", escape(cell))).collect();
-        format!("<tr>{cells}</tr>\n")
+        let cells: Vec<String> = row.iter().map(|cell| format!("<td>{}</td>", escape(cell))).collect();
+        format!("<tr>{}</tr>\n", cells.concat())
     });
     wrapped(head, &rows.collect::<String>())
 }

@@ -1,7 +1,7 @@
 //! The report: every number as JSON, every figure as SVG and PNG, and one page that has it all.
 
 use super::claims::{self, Claim, Facts};
-use super::curves::{Band, band};
+use super::curves::{Band, Curve, band};
 use super::figures::{self, Figure};
 use super::gather::{Gathered, Lacking, Trained, best};
 use super::html;
@@ -85,10 +85,15 @@ pub(super) struct Part<'a> {
 /// Return while learning.
 #[derive(Serialize)]
 pub(super) struct Curves {
-    group_1_over_episodes: Band,
-    group_0_over_episodes: Band,
-    group_1_over_transitions: Band,
-    group_0_over_transitions: Band,
+    over_episodes: Groups,
+    over_transitions: Groups,
+}
+
+/// Both groups' returns along one axis.
+#[derive(Serialize)]
+struct Groups {
+    group_1: Band,
+    group_0: Band,
 }
 
 /// One walk through time, as columns.
@@ -129,7 +134,7 @@ pub(super) fn farewell(settings: &Settings) -> anyhow::Result<String> {
     let claims: Vec<(&str, String)> = report
         .claims
         .iter()
-        .map(|claim| (claim.claim.as_str(), format!("{} · {}", claim.verdict, claim.ours)))
+        .map(|claim| (claim.text.as_str(), format!("{} · {}", claim.verdict, claim.ours)))
         .collect();
     let page = directory(settings).join("index.html");
     Ok(format!("{}\n{}\n{}", aligned(&claims), html::against_constant(&report), page.display()))
@@ -189,13 +194,11 @@ impl<'a> Part<'a> {
 
 impl Curves {
     fn of(gathered: &Gathered) -> Self {
-        let (episodes, transitions) = (Trained::over_episodes, Trained::over_transitions);
-        Self {
-            group_1_over_episodes: band(&gathered.gaits().map(episodes).collect::<Vec<_>>()),
-            group_0_over_episodes: band(&gathered.torques().map(episodes).collect::<Vec<_>>()),
-            group_1_over_transitions: band(&gathered.gaits().map(transitions).collect::<Vec<_>>()),
-            group_0_over_transitions: band(&gathered.torques().map(transitions).collect::<Vec<_>>()),
-        }
+        let along = |curve: fn(&Trained) -> Curve| Groups {
+            group_1: band(&gathered.gaits().map(curve).collect::<Vec<_>>()),
+            group_0: band(&gathered.torques().map(curve).collect::<Vec<_>>()),
+        };
+        Self { over_episodes: along(Trained::over_episodes), over_transitions: along(Trained::over_transitions) }
     }
 }
 

@@ -258,7 +258,7 @@ fn constant(settings: &Settings, action: &Action) -> anyhow::Result<Config> {
 /// What an evaluation is made from: the task, the policy, the seeds.
 fn key(settings: &Settings, player: &Player) -> anyhow::Result<String> {
     let policy = player.policy.as_ref().map(Policy::to_safetensors).transpose()?;
-    let policy = policy.map(|bytes| sha256_hex(bytes)).unwrap_or_default();
+    let policy = policy.map(sha256_hex).unwrap_or_default();
     Ok(sha256_hex(format!("{} {policy} {}", player.config.task_hash(), settings.evaluation_episodes)))
 }
 
