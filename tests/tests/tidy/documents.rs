@@ -5,9 +5,22 @@ use crate::text;
 #[test]
 fn the_readme_knows_every_subcommand() {
     let readme = text("README.md");
-    for subcommand in
-        ["train", "learner", "actor", "status", "eval", "config", "checkpoint", "stop", "wait-ready", "report", "scale"]
-    {
+    for subcommand in [
+        "train",
+        "learner",
+        "actor",
+        "status",
+        "eval",
+        "config",
+        "checkpoint",
+        "stop",
+        "wait-ready",
+        "report",
+        "reproduce",
+        "export",
+        "drive",
+        "scale",
+    ] {
         assert!(readme.contains(&format!("herd {subcommand}")), "README.md is silent on herd {subcommand}");
     }
 }
