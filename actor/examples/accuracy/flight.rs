@@ -83,7 +83,7 @@ fn trot(model: &Model, time: f64) -> Joints {
         let lead = if leg.side() * leg.front() > 0.0 { 0.0 } else { STEP_SECS };
         let phase = (time + lead) % (2.0 * STEP_SECS);
         let foot = if phase < STEP_SECS {
-            Swing { from: back, lift: LIFT, duration: STEP_SECS }.at(phase, &front).position
+            Swing { from: back, lift: LIFT, duration: STEP_SECS, advance_share: 1.0 }.at(phase, &front).position
         } else {
             front + (back - front) * (phase / STEP_SECS - 1.0)
         };

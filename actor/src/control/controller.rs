@@ -1,5 +1,10 @@
 //! The controller: takes a gait for one swing, then a torque for every joint at every tick.
 //!
+//! A gait is what is wanted; what a body and legs cannot do is cut here, so that no gait throws the robot over by itself.
+//! With v* the speed aimed at and v the faster of it and the measured one: v* follows `v_x`, kept between two speeds, with
+//! bounded acceleration; Δt is at most the longest stride over v; H is at least proportional to v; a foot advances in the
+//! first `1 − c v²` of its swing and then only sinks, since one that lands while it advances skids and brakes.
+//!
 //! The MPC is asked every `period_secs`, and at once when legs change their duty, so that no force is held by a leg
 //! that left the ground. Its answer is used in the tick that asked: there is no delay.
 
@@ -23,6 +28,9 @@ pub type Timer = fn() -> u64;
 /// Sees every question that the controller puts to its MPC.
 pub type Watcher = Box<dyn FnMut(&mpc::State, &[mpc::Step]) + Send>;
 
+/// Least share of a swing in which the foot advances.
+const SHORTEST_ADVANCE: f64 = 0.87;
+
 /// Drives one robot.
 pub struct Controller {
     config: control::Config,
@@ -33,6 +41,8 @@ pub struct Controller {
     height: f64,
     torque_max: f64,
     gait: task::Constant,
+    /// v*: the speed asked for, as far as bounded acceleration has come, m/s.
+    pace: f64,
     schedule: Schedule,
     duties: [Duty; 4],
     forces: [Vector3<f64>; 4],
@@ -51,12 +61,14 @@ impl Controller {
         let composite = model.composite(&model.nominal_stance());
         let body = mpc::Body { mass_kg: composite.mass, inertia: composite.inertia };
         let tick_secs = config.sim.tick_secs;
+        let height = model.standing_height() + composite.centre.z;
         Self {
-            planner: Planner::new(model.geometry, model.foot_radius, &config.control.gait),
+            planner: Planner::new(model.geometry, model.foot_radius, height, &config.control.gait),
             mpc: Mpc::new(&config.control.mpc, body),
-            height: model.standing_height() + composite.centre.z,
+            height,
             torque_max: model.torque_max,
             gait: config.task.constant,
+            pace: 0.0,
             schedule: first_schedule(tick_secs),
             duties: [Duty::Stands; 4],
             forces: [Vector3::zeros(); 4],
@@ -102,6 +114,7 @@ impl Controller {
         self.schedule = first_schedule(self.tick_secs);
         self.duties = [Duty::Stands; 4];
         self.forces = [Vector3::zeros(); 4];
+        self.pace = 0.0;
         self.reference = None;
         self.terrain = Terrain::level();
         self.counts = Counts::default();
@@ -109,14 +122,21 @@ impl Controller {
 
     /// Begins a swing with this gait; returns how many ticks it lasts.
     pub fn begin(&mut self, gait: &task::Constant, body: &Body<'_>) -> u32 {
-        self.schedule = Schedule::new(self.next_pair(), gait.step_secs, self.tick_secs);
-        // A leg can carry the trunk no faster than its longest stride allows.
-        let speed_max = self.config.gait.stride_max_m / self.schedule.duration_secs();
-        self.gait = task::Constant { velocity_mps: gait.velocity_mps.clamp(-speed_max, speed_max), ..*gait };
+        // A leg reaches no further than its longest stride: a fast robot steps sooner than it was asked to.
+        let speed = body.centre_velocity().xy().norm().max(self.pace.abs());
+        let step_secs = gait.step_secs.min(self.config.gait.stride_max_m / speed.max(1e-3));
+        self.schedule = Schedule::new(self.next_pair(), step_secs, self.tick_secs);
+        let [backwards, forwards] = self.config.gait.speed_mps;
+        self.gait = task::Constant { velocity_mps: gait.velocity_mps.clamp(backwards, forwards), ..*gait };
         for leg in Leg::ALL {
             let duty = &mut self.duties[leg.index()];
             if self.schedule.swings(leg) {
-                let swing = Swing { from: body.foot(leg), lift: gait.lift_m, duration: self.schedule.duration_secs() };
+                let swing = Swing {
+                    from: body.foot(leg),
+                    lift: gait.lift_m.max(self.config.gait.lift_per_speed_secs * speed),
+                    duration: self.schedule.duration_secs(),
+                    advance_share: (1.0 - self.config.swing.sink_share * speed.powi(2)).max(SHORTEST_ADVANCE),
+                };
                 *duty = Duty::Flies { swing, ticks: 0, target: swing.from };
             } else if !duty.stands() {
                 self.counts.late_contacts += 1;
@@ -148,7 +168,7 @@ impl Controller {
         Motion {
             position: body.centre().xy(),
             velocity: body.centre_velocity().xy(),
-            wanted: Vector2::new(self.gait.velocity_mps, 0.0),
+            wanted: Vector2::new(self.pace, 0.0),
             yaw: body.state.angles().z,
             yaw_rate: body.state.angular_velocity.z,
         }
@@ -156,6 +176,9 @@ impl Controller {
 
     /// Plans the footholds of the legs in the air anew.
     fn aim(&mut self, motion: &Motion) {
+        if self.schedule.elapsed_ticks() > 0 && self.schedule.phase() > self.config.swing.aim_share {
+            return;
+        }
         let (stance_secs, remaining) = (self.schedule.duration_secs(), self.schedule.remaining_secs());
         for leg in Leg::ALL {
             if let Duty::Flies { target, .. } = &mut self.duties[leg.index()]
@@ -213,6 +236,8 @@ impl Controller {
     }
 
     fn advance(&mut self, motion: &Motion) {
+        let most = self.config.gait.pace_mps2 * self.tick_secs;
+        self.pace += (self.gait.velocity_mps - self.pace).clamp(-most, most);
         let here = motion.position;
         let bound = self.config.gait.position_clamp_m;
         self.reference.get_or_insert(Reference::new(here)).advance(&motion.wanted, self.tick_secs, &here, bound);

@@ -5,16 +5,19 @@
 //! | v, v*  | velocity measured, and asked for                       | m/s  |
 //! | S      | stride in the hip frame, from +S/2 to −S/2             | m    |
 //! | Δt     | duration of a stance                                   | s    |
-//! | k      | balance gain                                           | s    |
+//! | κ      | balance gain                                           | 1    |
+//! | ω      | √(g / h), h the height of the centre of mass           | 1/s  |
 //!
-//! Seen from below the hip at touchdown, in the frame of the heading: `v Δt/2 + k (v − v*) + trim`. The first term is
-//! the neutral point of a running machine (Raibert 1986): the centre of mass passes over the foot at half stance. S enters as
+//! Seen from below the hip at touchdown, in the frame of the heading: `v Δt/2 + κ (v − v*) / (ω sinh ωΔt) + trim`. The first term is
+//! the neutral point of a running machine (Raibert 1986): the centre of mass passes over the foot at half stance.
+//! The second, with κ = 1, is what a point mass on a massless pole needs to have v* after this one stance; less is gentler,
+//! and the MPC does its part. S enters as
 //! the trim, `½ (S − v* Δt)` within bounds: a stride that fits the speed has none; a longer one puts the feet ahead and
 //! brakes, a shorter one lets the trunk run ahead of its feet. Hips are taken as placed about the centre of mass, which is
 //! what the feet have to carry, not about the trunk's origin. The bounds keep a stride that contradicts the speed from
 //! tripping the robot. Offsets from the hip are limited to what a leg can reach.
 
-use crate::robot::{Geometry, Leg};
+use crate::robot::{GRAVITY, Geometry, Leg};
 use herd_common::config::control;
 use nalgebra::{Rotation2, Vector2, Vector3};
 
@@ -38,13 +41,15 @@ pub struct Motion {
 pub struct Planner {
     geometry: Geometry,
     foot_radius: f64,
+    /// ω, 1/s.
+    pole_rate: f64,
     config: control::Gait,
 }
 
 impl Planner {
-    /// A planner for legs of this geometry, with feet of this radius (m).
-    pub fn new(geometry: Geometry, foot_radius: f64, config: &control::Gait) -> Self {
-        Self { geometry, foot_radius, config: config.clone() }
+    /// A planner for legs of this geometry, with feet of this radius (m), that carry a centre of mass at `height` (m).
+    pub fn new(geometry: Geometry, foot_radius: f64, height: f64, config: &control::Gait) -> Self {
+        Self { geometry, foot_radius, pole_rate: (GRAVITY / height).sqrt(), config: config.clone() }
     }
 
     /// Centre of the foot of `leg` (world, m) when it lands `ahead` seconds from now for a stance of `stance_secs`.
@@ -67,8 +72,8 @@ impl Planner {
         let wanted = heading.inverse() * motion.wanted;
         let bound = self.config.stride_trim_m;
         let trim = ((stride - wanted.x * stance_secs) / 2.0).clamp(-bound, bound);
-        let offset =
-            velocity * (stance_secs / 2.0) + (velocity - wanted) * self.config.foothold_gain + Vector2::new(trim, 0.0);
+        let gain = self.config.foothold_gain / (self.pole_rate * (self.pole_rate * stance_secs).sinh());
+        let offset = velocity * (stance_secs / 2.0) + (velocity - wanted) * gain + Vector2::new(trim, 0.0);
         let reach = self.config.foothold_clamp_m;
         heading * offset.map(|x| x.clamp(-reach, reach))
     }
@@ -83,7 +88,7 @@ mod tests {
     fn planner() -> Planner {
         let config = Config::default();
         let model = Model::new(&config.robot);
-        Planner::new(model.geometry, model.foot_radius, &config.control.gait)
+        Planner::new(model.geometry, model.foot_radius, model.standing_height(), &config.control.gait)
     }
 
     fn walking(velocity: f64, wanted: f64) -> Motion {

@@ -3,11 +3,12 @@
 //! | symbol | name                                 | unit |
 //! |--------|--------------------------------------|------|
 //! | s      | share of the swing that is over      | 1    |
+//! | σ      | share of the swing in which the foot advances | 1 |
 //! | c(s)   | advance, 0 to 1: `s − sin(2πs)/2π`   | 1    |
 //! | b(s)   | lift, 0 to 1 at s = ½ and back: `2s − sin(4πs)/2π`, mirrored after mid-swing | 1 |
 //! | H      | apex                                 | m    |
 //!
-//! Position is `from + (to − from) c(s) + H b(s) ẑ`. Velocity and acceleration vanish at both ends in the world frame,
+//! Position is `from + (to − from) c(min(s/σ, 1)) + H b(s) ẑ`; σ = 1 is the paper's. Velocity and acceleration vanish at both ends in the world frame,
 //! so a foot leaves and meets the ground without scuffing. The eq 15 that is printed ends its height at H.
 
 use nalgebra::Vector3;
@@ -33,6 +34,8 @@ pub struct Swing {
     pub lift: f64,
     /// Δt, s.
     pub duration: f64,
+    /// σ, above 0 and at most 1.
+    pub advance_share: f64,
 }
 
 /// c(s) with its first two derivatives.
@@ -52,13 +55,14 @@ impl Swing {
     /// Where the foot should be `elapsed` seconds into the swing if it is to land at `to` (world, m).
     pub fn at(&self, elapsed: f64, to: &Vector3<f64>) -> Point {
         let s = (elapsed / self.duration).clamp(0.0, 1.0);
-        let [c, b] = [advance(s), lift(s)];
+        let [c, b] = [advance((s / self.advance_share).min(1.0)), lift(s)];
         let way = to - self.from;
         let up = Vector3::z() * self.lift;
+        let rate = 1.0 / (self.duration * self.advance_share);
         Point {
             position: self.from + way * c[0] + up * b[0],
-            velocity: (way * c[1] + up * b[1]) / self.duration,
-            acceleration: (way * c[2] + up * b[2]) / self.duration.powi(2),
+            velocity: way * (c[1] * rate) + up * (b[1] / self.duration),
+            acceleration: way * (c[2] * rate.powi(2)) + up * (b[2] / self.duration.powi(2)),
         }
     }
 }
@@ -103,13 +107,17 @@ mod tests {
         }
 
         #[test]
-        fn a_swing_goes_from_here_to_there(x in -0.1..0.1, y in -0.1..0.1, height in 0.0..0.06, duration in 0.1..0.2) {
-            let swing = Swing { from: Vector3::new(0.3, -0.1, 0.01), lift: height, duration };
+        fn a_swing_goes_from_here_to_there(x in -0.1..0.1, y in -0.1..0.1, height in 0.0..0.06, duration in 0.1..0.2,
+            advance_share in 0.8..1.0) {
+            let swing = Swing { from: Vector3::new(0.3, -0.1, 0.01), lift: height, duration, advance_share };
             let to = swing.from + Vector3::new(x, y, -0.002);
             prop_assert!((swing.at(0.0, &to).position - swing.from).norm() < 1e-12);
             prop_assert!((swing.at(duration, &to).position - to).norm() < 1e-12);
+            let sinking = swing.at(duration * (1.0 + advance_share) / 2.0, &to);
+            prop_assert!(advance_share == 1.0 || sinking.velocity.xy().norm() < 1e-9, "it only sinks at the end");
             let apex = swing.at(duration / 2.0, &to).position.z;
-            prop_assert!((apex - swing.from.z - height + 0.001).abs() < 1e-9);
+            let sunk = -0.002 * advance((0.5 / advance_share).min(1.0))[0];
+            prop_assert!((apex - swing.from.z - height - sunk).abs() < 1e-9);
         }
     }
 }

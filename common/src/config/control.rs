@@ -1,6 +1,6 @@
 //! Settings of the low-level controller: MPC, footholds, swing.
 
-use super::{Error, check};
+use super::{Error, check, check_span};
 use serde::{Deserialize, Serialize};
 
 /// The low-level controller (paper §3.3).
@@ -57,7 +57,7 @@ pub struct Mpc {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gait {
-    /// Shift of the foothold per velocity error, s.
+    /// κ: share of the shift that would undo a velocity error within one stance.
     pub foothold_gain: f64,
     /// Largest distance of a foothold from below the hip, m.
     pub foothold_clamp_m: f64,
@@ -65,12 +65,18 @@ pub struct Gait {
     pub touchdown_depth_m: f64,
     /// Largest shift of the foothold by a stride that does not fit the speed, m.
     pub stride_trim_m: f64,
-    /// Longest stride a leg can make: bounds the speed at a given Δt, m.
+    /// Longest stride a leg can make: bounds Δt at a given speed, m.
     pub stride_max_m: f64,
     /// Largest distance of the integrated position reference from the robot, m.
     pub position_clamp_m: f64,
     /// Speed asked for on top per distance to that reference, 1/s.
     pub position_gain: f64,
+    /// Fastest speeds that are aimed at, backwards and forwards, m/s.
+    pub speed_mps: [f64; 2],
+    /// Least apex of a swing per speed, s.
+    pub lift_per_speed_secs: f64,
+    /// Largest change of the speed that is aimed at when another is asked for, m/s².
+    pub pace_mps2: f64,
     /// Largest acceleration of the speed reference along an axis, m/s².
     pub acceleration_mps2: f64,
 }
@@ -79,6 +85,10 @@ pub struct Gait {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Swing {
+    /// Share of the swing after which the foothold stays.
+    pub aim_share: f64,
+    /// Share of the swing at its end in which the foot only sinks, per squared speed, s²/m².
+    pub sink_share: f64,
     /// K_p, N/m.
     pub stiffness_npm: f64,
     /// K_d, N·s/m.
@@ -110,14 +120,19 @@ impl Config {
         check("control.mpc.weight_force", mpc.weight_force, 1e-9..=1e3)?;
         check("control.mpc.friction", mpc.friction, 0.01..=5.0)?;
         check("control.mpc.force_max_n", mpc.force_max_n, 1.0..=1e5)?;
-        check("control.gait.foothold_gain", self.gait.foothold_gain, -1.0..=1.0)?;
+        check("control.gait.foothold_gain", self.gait.foothold_gain, 0.0..=2.0)?;
         check("control.gait.foothold_clamp_m", self.gait.foothold_clamp_m, 0.0..=0.25)?;
         check("control.gait.touchdown_depth_m", self.gait.touchdown_depth_m, 0.0..=0.05)?;
         check("control.gait.stride_trim_m", self.gait.stride_trim_m, 0.0..=0.25)?;
         check("control.gait.stride_max_m", self.gait.stride_max_m, 0.0..=1.0)?;
         check("control.gait.position_clamp_m", self.gait.position_clamp_m, 0.0..=1.0)?;
         check("control.gait.position_gain", self.gait.position_gain, 0.0..=50.0)?;
+        check_span("control.gait.speed_mps", self.gait.speed_mps, -5.0..=5.0)?;
+        check("control.gait.lift_per_speed_secs", self.gait.lift_per_speed_secs, 0.0..=0.1)?;
+        check("control.gait.pace_mps2", self.gait.pace_mps2, 0.01..=100.0)?;
         check("control.gait.acceleration_mps2", self.gait.acceleration_mps2, 0.01..=100.0)?;
+        check("control.swing.sink_share", self.swing.sink_share, 0.0..=1.0)?;
+        check("control.swing.aim_share", self.swing.aim_share, 0.0..=1.0)?;
         check("control.swing.stiffness_npm", self.swing.stiffness_npm, 0.0..=1e5)?;
         check("control.swing.damping_nspm", self.swing.damping_nspm, 0.0..=1e4)?;
         check("control.swing.early_contact_n", self.swing.early_contact_n, 0.0..=1e4)?;
