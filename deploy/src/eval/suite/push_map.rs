@@ -102,7 +102,7 @@ mod tests {
     #[test]
     fn colours_go_from_red_over_white_to_blue() {
         assert_eq!([0.0, 0.5, 1.0].map(colour), ["#b2182b", "#f7f7f7", "#2166ac"]);
-        assert_eq!(colour(0.25), "#d5888f".to_owned());
+        assert_eq!(colour(0.25), "#d58891".to_owned());
     }
 
     #[test]
