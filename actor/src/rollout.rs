@@ -33,7 +33,17 @@ pub fn run_until(
     act: &mut dyn FnMut(&Observation) -> Vec<f32>,
     sink: &mut dyn FnMut(Transition<'_>) -> ControlFlow<()>,
 ) -> Option<Outcome> {
-    let mut observation = env.reset(seed);
+    let observation = env.reset(seed);
+    finish(env, observation, act, sink)
+}
+
+/// Runs the rest of an episode that has been reset, from what the policy sees now.
+pub fn finish(
+    env: &mut Env,
+    mut observation: Observation,
+    act: &mut dyn FnMut(&Observation) -> Vec<f32>,
+    sink: &mut dyn FnMut(Transition<'_>) -> ControlFlow<()>,
+) -> Option<Outcome> {
     loop {
         let action = act(&observation);
         let step = env.step(&action);

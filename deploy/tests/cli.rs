@@ -108,6 +108,15 @@ fn words_that_mean_nothing_are_usage_errors() {
 }
 
 #[test]
+fn a_suite_that_makes_no_sense_is_refused() {
+    let directory = directory();
+    refused(directory.path(), &["eval", "--quick"], 64, &["--suite"]);
+    refused(directory.path(), &["eval", "--task", "constant", "--suite", "--speeds", "1"], 64, &["--speeds"]);
+    let itself = ["eval", "--task", "constant", "--suite", "--beside", "constant"];
+    refused(directory.path(), &itself, 64, &["--beside constant"]);
+}
+
+#[test]
 fn mistakes_in_the_configuration_are_named() {
     let directory = directory();
     let cases: [(&str, &[&str]); 5] = [

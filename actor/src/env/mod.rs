@@ -14,4 +14,5 @@ mod summary;
 
 pub use episode::{Env, Observer, Step};
 pub use observation::{Observation, Sense, observe};
+pub use scenario::PUSH_SECS;
 pub use summary::Figures;

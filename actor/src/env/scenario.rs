@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 /// Length of a push, s.
-const PUSH_SECS: f64 = 0.05;
+pub const PUSH_SECS: f64 = 0.05;
 
 /// A force on the trunk for some ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -128,7 +128,7 @@ fn add_payload(world: &mut PhysicsWorld, model: &Model, mass: f64, trunk: RigidB
         &box_inertia(mass, &size),
     ));
     let body = world.insert_body(body);
-    let place = Vector3::new(0.0, 0.0, (model.trunk_size.z + size.z) / 2.0);
+    let place = Vector3::new(0.0, 0.0, f64::midpoint(model.trunk_size.z, size.z));
     let joint = FixedJointBuilder::new().local_anchor1(vector_to_sim(&place)).contacts_enabled(false);
     world.insert_multibody_joint(trunk, body, joint).expect("a tree has no cycle");
 }

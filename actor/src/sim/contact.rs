@@ -33,7 +33,7 @@ pub(super) fn read(world: &PhysicsWorld, handles: &Handles) -> Contacts {
 fn force(world: &PhysicsWorld, collider: ColliderHandle) -> (f64, f64) {
     let mut normal = 0.0;
     let mut friction = 0.0;
-    for manifold in world.narrow_phase.contact_pairs_with(collider).flat_map(|pair| pair.solver_manifolds()) {
+    for manifold in world.narrow_phase.contact_pairs_with(collider).flat_map(ContactPair::solver_manifolds) {
         normal += manifold.points.iter().map(|point| f64::from(point.data.impulse)).sum::<f64>();
         // Only within one manifold do tangents share their directions.
         friction +=

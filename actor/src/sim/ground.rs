@@ -119,7 +119,7 @@ impl Ground {
             return 0.0;
         };
         let treads = (x.abs() - steps.first_edge) / TREAD;
-        if treads >= 0.0 && treads as u64 % 2 == 0 { steps.height } else { 0.0 }
+        if treads >= 0.0 && (treads as u64).is_multiple_of(2) { steps.height } else { 0.0 }
     }
 }
 
@@ -164,7 +164,7 @@ mod tests {
         let ground = ground(0.0, 0.02, 0.0);
         let heights: Vec<f64> = (0..20_000).map(|n| ground.height(f64::from(n) * 1e-3 - 10.0, 0.33)).collect();
         let (low, high) = heights.iter().fold((1.0_f64, 0.0_f64), |(low, high), h| (low.min(*h), high.max(*h)));
-        assert!(low >= 0.0 && low < 0.002 && high <= 0.02 && high > 0.018, "{low} {high}");
+        assert!((0.0..0.002).contains(&low) && (0.018..=0.02).contains(&high), "{low} {high}");
         // 2 cm over a cell of 10 cm is the steepest that there can be.
         assert!(heights.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 0.2 * 1e-3 + 1e-9));
         assert_eq!(ground.height(REACH_X + 0.01, 0.0), 0.0);

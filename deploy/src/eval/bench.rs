@@ -3,51 +3,90 @@
 use super::cases::Case;
 use super::figures::{Episode, Result};
 use anyhow::Context;
-use herd_actor::env::{Env, Observation};
-use herd_actor::rollout::run_episode;
+use herd_actor::env::{Env, Observation, PUSH_SECS};
+use herd_actor::rollout;
 use herd_common::seed::Seed;
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
+/// One episode to run.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Job {
+    /// Index of its case.
+    pub(crate) case: usize,
+    /// Its seed.
+    pub(crate) seed: Seed,
+    /// A push on top of what the case's scenario draws.
+    pub(crate) push: Option<Push>,
+}
+
+/// One push at a given time.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Push {
+    /// Since the episode began, s.
+    pub(crate) at_secs: f64,
+    /// Along world x and y, N·s.
+    pub(crate) impulse_ns: [f64; 2],
+}
+
 /// The episodes of each case, in order of the seeds.
 pub(crate) fn run(cases: &[Case], seeds: &[Seed], threads: usize) -> anyhow::Result<Vec<Result>> {
-    let next = AtomicUsize::new(0);
-    let jobs = cases.len() * seeds.len();
-    let work = || {
-        let mut done = Vec::new();
-        let mut env: Option<(usize, Env)> = None;
-        loop {
-            let job = next.fetch_add(1, Ordering::Relaxed);
-            if job >= jobs {
-                return done;
-            }
-            let (case, seed) = (job / seeds.len(), job % seeds.len());
-            let ready = env.take().filter(|(built, _)| *built == case);
-            let (_, env) = env.insert(ready.unwrap_or_else(|| (case, Env::new(&cases[case].config))));
-            done.push((job, episode(&cases[case], env, seeds[seed])));
-        }
-    };
-    let mut done = std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..threads.min(jobs)).map(|_| scope.spawn(work)).collect();
-        threads.into_iter().map(|thread| thread.join().ok()).collect::<Option<Vec<_>>>()
-    })
-    .context("run the episodes: a robot panicked")?
-    .concat();
-    done.sort_by_key(|(job, _)| *job);
-    let episodes: Vec<Episode> = done.into_iter().map(|(_, episode)| episode).collect();
+    let jobs = |case| seeds.iter().map(move |seed| Job { case, seed: *seed, push: None });
+    let jobs: Vec<Job> = (0..cases.len()).flat_map(jobs).collect();
+    let episodes = episodes(cases, &jobs, threads, &|| ())?;
     let pieces = episodes.chunks(seeds.len()).map(<[Episode]>::to_vec);
     Ok(cases.iter().zip(pieces).map(|(case, episodes)| Result::new(case, episodes)).collect())
 }
 
-fn episode(case: &Case, env: &mut Env, seed: Seed) -> Episode {
+/// The episodes of these jobs, in their order; `done` is told of each that is over.
+pub(crate) fn episodes(
+    cases: &[Case],
+    jobs: &[Job],
+    threads: usize,
+    done: &(dyn Fn() + Sync),
+) -> anyhow::Result<Vec<Episode>> {
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut finished = Vec::new();
+        let mut env: Option<(usize, Env)> = None;
+        while let Some((index, job)) = {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            jobs.get(index).map(|job| (index, job))
+        } {
+            let case = &cases[job.case];
+            let ready = env.take().filter(|(built, _)| *built == job.case);
+            let (_, env) = env.insert(ready.unwrap_or_else(|| (job.case, Env::new(&case.config))));
+            finished.push((index, episode(case, env, job)));
+            done();
+        }
+        finished
+    };
+    let mut finished = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..threads.min(jobs.len())).map(|_| scope.spawn(work)).collect();
+        threads.into_iter().map(|thread| thread.join().ok()).collect::<Option<Vec<_>>>()
+    })
+    .context("run the episodes: a robot panicked")?
+    .concat();
+    finished.sort_by_key(|(index, _)| *index);
+    Ok(finished.into_iter().map(|(_, episode)| episode).collect())
+}
+
+fn episode(case: &Case, env: &mut Env, job: &Job) -> Episode {
     let dim = case.config.task.kind.action_dim();
     let mut act = |observation: &Observation| {
         case.policy.as_ref().map_or_else(|| vec![0.0; dim], |policy| policy.act(observation))
     };
     #[expect(clippy::disallowed_methods, reason = "measures speed; no other figure depends on it")]
     let start = Instant::now();
-    let outcome = run_episode(env, seed, &mut act, &mut |_| {});
-    Episode { outcome, wall_secs: start.elapsed().as_secs_f64() }
+    let observation = env.reset(job.seed);
+    if let Some(Push { at_secs, impulse_ns: [x, y] }) = job.push {
+        env.push_after(at_secs, &([x, y, 0.0].map(|impulse| impulse / PUSH_SECS).into()), PUSH_SECS);
+    }
+    let outcome = rollout::finish(env, observation, &mut act, &mut |_| ControlFlow::Continue(()));
+    let outcome = outcome.expect("this sink never breaks the episode off");
+    let wall_secs = start.elapsed().as_secs_f64();
+    Episode { outcome, cost_of_transport: env.figures(0.0).cost_of_transport, wall_secs }
 }
 
 #[cfg(test)]

@@ -52,11 +52,16 @@ fn constant(args: &Args, config: &Config) -> Result<Vec<Case>, herd_common::conf
         None if args.speeds.is_empty() => vec![config.task.constant],
         None => args.speeds.iter().map(|speed| at_speed(config.task.constant, *speed)).collect(),
     };
+    of_gaits(config, &gaits)
+}
+
+/// A case for each of these gaits; the configuration is of the constant task.
+pub(crate) fn of_gaits(config: &Config, gaits: &[Constant]) -> Result<Vec<Case>, herd_common::config::Error> {
     gaits.iter().map(|gait| case_of(config, gait)).collect()
 }
 
 /// The gait at another speed: the feet swing as far as the trunk moves in one step.
-fn at_speed(gait: Constant, velocity_mps: f64) -> Constant {
+pub(crate) fn at_speed(gait: Constant, velocity_mps: f64) -> Constant {
     Constant { velocity_mps, stride_m: velocity_mps * gait.step_secs, ..gait }
 }
 
@@ -71,14 +76,19 @@ fn grid(config: &Config, points: u32) -> Vec<Constant> {
         .collect()
 }
 
-fn case_of(config: &Config, gait: &Constant) -> Result<Case, herd_common::config::Error> {
+/// The overrides that make this the gait of the constant task.
+pub(crate) fn gait_sets(gait: &Constant) -> [String; 4] {
     let set = |key: &str, value: f64| format!("task.constant.{key}={value:?}");
-    let config = config.overridden(&[
+    [
         set("velocity_mps", gait.velocity_mps),
         set("stride_m", gait.stride_m),
         set("lift_m", gait.lift_m),
         set("step_secs", gait.step_secs),
-    ])?;
+    ]
+}
+
+fn case_of(config: &Config, gait: &Constant) -> Result<Case, herd_common::config::Error> {
+    let config = config.overridden(&gait_sets(gait))?;
     let label = format!(
         "v_x {:.2} m/s, S {:.3} m, H {:.4} m, Δt {:.3} s",
         gait.velocity_mps, gait.stride_m, gait.lift_m, gait.step_secs

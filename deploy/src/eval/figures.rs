@@ -12,6 +12,8 @@ pub(crate) struct Episode {
     /// Its summary.
     #[serde(flatten)]
     pub(crate) outcome: Outcome,
+    /// Work of the motors per weight and distance.
+    pub(crate) cost_of_transport: f64,
     /// Wall time, s.
     pub(crate) wall_secs: f64,
 }
@@ -55,6 +57,10 @@ pub(crate) struct Mean {
     pub(crate) roll_variance: f64,
     /// rad²
     pub(crate) pitch_variance: f64,
+    /// Distance along world x, m.
+    pub(crate) distance_m: f64,
+    /// Work of the motors per weight and distance, over the episodes without a fall; none if all fell.
+    pub(crate) cost_of_transport: Option<f64>,
     /// Share of episodes that ended in a fall.
     pub(crate) fall_rate: f64,
     /// Episodes by ending.
@@ -77,7 +83,8 @@ impl Result {
 }
 
 impl Mean {
-    fn of(episodes: &[Episode], command: Option<f64>) -> Self {
+    /// Means over these episodes; with a command (m/s) also of how far they missed it.
+    pub(crate) fn of(episodes: &[Episode], command: Option<f64>) -> Self {
         let n = episodes.len().max(1) as f64;
         let sum = |figure: &dyn Fn(&Outcome) -> f64| episodes.iter().map(|e| figure(&e.outcome)).sum::<f64>();
         let mean = |figure: &dyn Fn(&Outcome) -> f64| sum(figure) / n;
@@ -86,6 +93,8 @@ impl Mean {
         for episode in episodes {
             *endings.entry(episode.outcome.ending.name()).or_default() += 1;
         }
+        let stood = |e: &&Episode| e.outcome.ending == Ending::TimedOut;
+        let costs: Vec<f64> = episodes.iter().filter(stood).map(|e| e.cost_of_transport).collect();
         Self {
             value,
             return_deviation: mean(&|o| (o.reward.total() - value).powi(2)).sqrt(),
@@ -98,6 +107,8 @@ impl Mean {
             speed_error: command.map(|v| mean(&|o| (o.mean_speed() - v).abs() / v.abs())),
             roll_variance: mean(&|o| o.roll_variance),
             pitch_variance: mean(&|o| o.pitch_variance),
+            distance_m: mean(&|o| o.distance_m),
+            cost_of_transport: (!costs.is_empty()).then(|| costs.iter().sum::<f64>() / costs.len() as f64),
             fall_rate: mean(&|o| f64::from(u8::from(o.ending != Ending::TimedOut))),
             endings,
             qp_solves: episodes.iter().map(|e| e.outcome.counts.qp_solves).sum(),
@@ -118,7 +129,8 @@ mod tests {
         let (roll_variance, pitch_variance) = (1e-4, 2e-4);
         let (seconds, decisions) = (10.0, 50);
         let outcome = Outcome { ending, decisions, seconds, reward, distance_m, roll_variance, pitch_variance, counts };
-        Episode { outcome, wall_secs: 2.0 }
+        let cost_of_transport = if ending == Ending::TimedOut { 0.8 } else { 70.0 };
+        Episode { outcome, cost_of_transport, wall_secs: 2.0 }
     }
 
     #[test]
@@ -128,6 +140,7 @@ mod tests {
         assert_eq!((mean.value, mean.return_deviation), (20.0, 10.0));
         assert_eq!((mean.speed_mps, mean.fall_rate, mean.qp_failures), (0.5, 0.5, 2));
         assert!((mean.speed_error.expect("has a command") - 0.25).abs() < 1e-12);
+        assert_eq!((mean.distance_m, mean.cost_of_transport), (5.0, Some(0.8)));
         assert_eq!(mean.realtime_factor, 5.0);
         assert_eq!(mean.endings, BTreeMap::from([("fell_roll", 1), ("timed_out", 1)]));
     }

@@ -3,6 +3,7 @@
 mod bench;
 mod cases;
 mod figures;
+mod suite;
 mod view;
 
 use crate::args::ConfigArgs;
@@ -22,6 +23,8 @@ Examples:
   herd eval --task constant --set task.constant.velocity_mps=0.6 --set task.constant.stride_m=0.09
   herd eval --task constant --speeds 0.2,0.4,0.6,0.8,1.0
   herd eval --task constant --grid 3 --episodes 2       81 gaits over the action box
+  herd eval --task constant --suite --out suite         how it fares on rough ground, under load, when pushed
+  herd eval --run-dir runs/first --suite --beside constant --quick
 A policy of another task is refused with exit code 78.")]
 pub(crate) struct Args {
     /// Policy to evaluate.
@@ -51,14 +54,36 @@ pub(crate) struct Args {
     threads: u32,
     #[command(flatten)]
     config: ConfigArgs,
-    /// Print JSON: every episode, exact.
+    #[command(flatten)]
+    suite: SuiteArgs,
+    /// Print JSON: every episode, exact; of a suite every case.
     #[arg(long)]
     json: bool,
+}
+
+/// The options of the suite.
+#[derive(clap::Args)]
+struct SuiteArgs {
+    /// Try slopes, bumps, steps, payload, little grip, noise, delay and pushes from all sides, and speeds for a gait.
+    #[arg(long, conflicts_with_all = ["speeds", "grid"])]
+    suite: bool,
+    /// Suite: at most 4 episodes a case and 2 phases a push.
+    #[arg(long, requires = "suite")]
+    quick: bool,
+    /// Suite: the constant gait of the configuration beside the policy.
+    #[arg(long, requires = "suite", value_name = "WHAT", value_parser = ["constant"])]
+    beside: Option<String>,
+    /// Suite: write suite.json and pictures there.
+    #[arg(long, requires = "suite", value_name = "DIR")]
+    out: Option<PathBuf>,
 }
 
 /// `herd eval`
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let config = load(args)?;
+    if args.suite.suite {
+        return suite::run(args, &config);
+    }
     let cases = cases::of(args, &config)?;
     let root = Seed::from_number(config.seed);
     let seeds = (0..args.episodes).map(|index| root.child("evaluation", index)).collect::<Vec<_>>();
