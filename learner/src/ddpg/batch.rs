@@ -2,7 +2,8 @@
 //!
 //! | tensor | rows | shape |
 //! |---|---|---|
-//! | `inputs` | (s, a), then (s, π(s)) | `[2n, observation + action]` |
+//! | `inputs` | (s, a) | `[n, observation + action]` |
+//! | `own_inputs` | (s, π(s)) | `[n, observation + action]` |
 //! | `next_inputs` | (s′, π′(s′)) | `[n, observation + action]` |
 //! | `rewards`, `discounts` | r in units that are learned, γ | `[n, 1]` |
 //! | `weights` | of each transition's loss; 1 unless replay is prioritised | `[n, 1]` |
@@ -21,6 +22,7 @@ pub struct Batch {
     len: usize,
     dims: Dims,
     inputs: Tensor,
+    own_inputs: Tensor,
     next_inputs: Tensor,
     rewards: Tensor,
     discounts: Tensor,
@@ -35,7 +37,8 @@ impl Batch {
         Ok(Self {
             len,
             dims,
-            inputs: zeros(2 * len, width)?,
+            inputs: zeros(len, width)?,
+            own_inputs: zeros(len, width)?,
             next_inputs: zeros(len, width)?,
             rewards: zeros(len, 1)?,
             discounts: zeros(len, 1)?,
@@ -48,18 +51,19 @@ impl Batch {
         assert_eq!(rows.len(), self.len, "transitions of a minibatch");
         let (width, observation) = (self.dims.observation + self.dims.action, self.dims.observation);
         write(&self.inputs, |numbers| {
-            let (done, own) = numbers.split_at_mut(self.len * width);
-            for ((row, done), own) in rows.iter().zip(done.chunks_exact_mut(width)).zip(own.chunks_exact_mut(width)) {
-                done[..observation].copy_from_slice(row.observation);
-                done[observation..].copy_from_slice(row.action);
-                own[..observation].copy_from_slice(row.observation);
+            for (row, input) in rows.iter().zip(numbers.chunks_exact_mut(width)) {
+                input[..observation].copy_from_slice(row.observation);
+                input[observation..].copy_from_slice(row.action);
             }
         })?;
-        write(&self.next_inputs, |numbers| {
-            for (row, next) in rows.iter().zip(numbers.chunks_exact_mut(width)) {
-                next[..observation].copy_from_slice(row.next_observation);
-            }
-        })?;
+        for (inputs, next) in [(&self.own_inputs, false), (&self.next_inputs, true)] {
+            write(inputs, |numbers| {
+                for (row, input) in rows.iter().zip(numbers.chunks_exact_mut(width)) {
+                    let state = if next { row.next_observation } else { row.observation };
+                    input[..observation].copy_from_slice(state);
+                }
+            })?;
+        }
         write(&self.rewards, |numbers| {
             numbers.iter_mut().zip(rows).for_each(|(reward, row)| *reward = reward_scale * row.reward);
         })?;
@@ -69,24 +73,19 @@ impl Batch {
         Ok(())
     }
 
-    /// Transitions, n.
-    pub(super) fn len(&self) -> usize {
-        self.len
-    }
-
     /// (s, a), `[n, observation + action]`.
-    pub(super) fn state_actions(&self) -> Result<Tensor> {
-        self.inputs.narrow(0, 0, self.len)
+    pub(super) fn inputs(&self) -> &Tensor {
+        &self.inputs
     }
 
-    /// (s, a) and below them (s, π(s)), `[2n, observation + action]`.
-    pub(super) fn both(&self) -> &Tensor {
-        &self.inputs
+    /// (s, π(s)), `[n, observation + action]`.
+    pub(super) fn own_inputs(&self) -> &Tensor {
+        &self.own_inputs
     }
 
     /// s, `[n, observation]`.
     pub(super) fn observations(&self) -> Result<Tensor> {
-        self.state_actions()?.narrow(1, 0, self.dims.observation)
+        self.inputs.narrow(1, 0, self.dims.observation)
     }
 
     /// (s′, π′(s′)), `[n, observation + action]`.
@@ -121,7 +120,7 @@ impl Batch {
 
     /// Writes π(s) beside s.
     pub(super) fn set_own_actions(&self, actions: &Tensor) -> Result<()> {
-        self.inputs.narrow(0, self.len, self.len)?.slice_set(actions, 1, self.dims.observation)
+        self.own_inputs.slice_set(actions, 1, self.dims.observation)
     }
 
     /// Writes π′(s′) beside s′.

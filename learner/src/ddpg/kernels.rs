@@ -3,7 +3,9 @@
 //! Each element's result depends on that element alone, and no multiplication is fused with an addition, so the width of
 //! the registers does not show in the bits.
 
-use candle_core::{CpuStorage, InplaceOp1, InplaceOp2, Layout, Result, Tensor, bail};
+#![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
+
+use candle_core::{CpuStorage, InplaceOp1, InplaceOp2, Layout, Result, Storage, Tensor, bail};
 
 /// What follows a layer's sum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,29 +20,55 @@ pub(super) enum Activation {
     OpenTanh,
 }
 
-/// `y ← f(y + b)`; y is `[rows, n]`, b is `[n]`.
-pub(super) struct AddBias(pub(super) Activation);
-
-impl InplaceOp2 for AddBias {
-    fn name(&self) -> &'static str {
-        "add-bias"
-    }
-
-    fn cpu_fwd(&self, y: &mut CpuStorage, y_at: &Layout, b: &CpuStorage, b_at: &Layout) -> Result<()> {
-        let (y, b) = (slice_mut(y, y_at)?, slice(b, b_at)?);
-        let activation = self.0;
-        pulp::Arch::new().dispatch(|| {
-            for row in y.chunks_exact_mut(b.len()) {
-                match activation {
-                    Activation::Linear => row.iter_mut().zip(b).for_each(|(y, b)| *y += b),
-                    Activation::Relu => row.iter_mut().zip(b).for_each(|(y, b)| *y = relu(*y + b)),
-                    Activation::Tanh | Activation::OpenTanh => {
-                        row.iter_mut().zip(b).for_each(|(y, b)| *y = (*y + b).tanh());
-                    }
+// Indices, because iterators are not inlined where there is much code around them.
+impl Activation {
+    /// `y ← f(y + b)`.
+    #[inline(always)]
+    pub(super) fn add_bias(self, y: &mut [f32], b: &[f32]) {
+        let (n, b) = (y.len(), &b[..y.len()]);
+        match self {
+            Self::Linear => {
+                for i in 0..n {
+                    y[i] += b[i];
                 }
             }
-        });
-        Ok(())
+            Self::Relu => {
+                for i in 0..n {
+                    y[i] = relu(y[i] + b[i]);
+                }
+            }
+            Self::Tanh | Self::OpenTanh => {
+                for i in 0..n {
+                    y[i] = (y[i] + b[i]).tanh();
+                }
+            }
+        }
+    }
+
+    /// `d ← d · f′`, with f′ told from f's value y.
+    #[inline(always)]
+    pub(super) fn slope(self, d: &mut [f32], y: &[f32]) {
+        let y = &y[..d.len()];
+        match self {
+            Self::Linear => (),
+            Self::Relu => {
+                for i in 0..d.len() {
+                    let through = d[i];
+                    d[i] = if y[i] > 0.0 { through } else { 0.0 };
+                }
+            }
+            Self::Tanh => {
+                for i in 0..d.len() {
+                    d[i] *= 1.0 - y[i] * y[i];
+                }
+            }
+            Self::OpenTanh => {
+                for i in 0..d.len() {
+                    let comes_back = d[i] * y[i] > 0.0;
+                    d[i] *= if comes_back { 1.0 } else { 1.0 - y[i] * y[i] };
+                }
+            }
+        }
     }
 }
 
@@ -58,16 +86,7 @@ impl InplaceOp2 for Slope {
 
     fn cpu_fwd(&self, d: &mut CpuStorage, d_at: &Layout, y: &CpuStorage, y_at: &Layout) -> Result<()> {
         let (d, y) = (slice_mut(d, d_at)?, slice(y, y_at)?);
-        let activation = self.0;
-        pulp::Arch::new().dispatch(|| match activation {
-            Activation::Linear => (),
-            Activation::Relu => d.iter_mut().zip(y).for_each(|(d, y)| *d = if *y > 0.0 { *d } else { 0.0 }),
-            Activation::Tanh => d.iter_mut().zip(y).for_each(|(d, y)| *d *= 1.0 - y * y),
-            Activation::OpenTanh => d.iter_mut().zip(y).for_each(|(d, y)| {
-                let comes_back = *d * y > 0.0;
-                *d *= if comes_back { 1.0 } else { 1.0 - y * y };
-            }),
-        });
+        pulp::Arch::new().dispatch(|| self.0.slope(d, y));
         Ok(())
     }
 }
@@ -102,8 +121,7 @@ fn relu(y: f32) -> f32 {
 pub(super) fn sum_of_squares(x: &Tensor) -> Result<f32> {
     const LANES: usize = 32;
     let (storage, layout) = x.storage_and_layout();
-    let candle_core::Storage::Cpu(storage) = &*storage else { bail!("sum of squares of a tensor off the CPU") };
-    let x = slice(storage, layout)?;
+    let x = numbers(&storage, layout)?;
     let mut sums = [0.0_f32; LANES];
     pulp::Arch::new().dispatch(|| {
         for chunk in x.chunks_exact(LANES) {
@@ -134,8 +152,16 @@ impl<F: Fn(&mut [f32])> InplaceOp1 for Write<F> {
     }
 }
 
+/// The numbers of a contiguous f32 tensor on the CPU.
+pub(super) fn numbers<'a>(storage: &'a Storage, layout: &Layout) -> Result<&'a [f32]> {
+    match storage {
+        Storage::Cpu(storage) => slice(storage, layout),
+        _ => bail!("a tensor off the CPU"),
+    }
+}
+
 /// The numbers of a contiguous f32 tensor.
-pub(super) fn slice<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
+fn slice<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
     let range = contiguous(layout)?;
     match storage {
         CpuStorage::F32(numbers) => Ok(&numbers[range]),
@@ -168,21 +194,20 @@ mod tests {
         Tensor::from_slice(values, shape, &Device::Cpu).unwrap()
     }
 
-    fn numbers(tensor: &Tensor) -> Vec<f32> {
+    fn vector(tensor: &Tensor) -> Vec<f32> {
         tensor.flatten_all().unwrap().to_vec1().unwrap()
     }
 
     #[test]
     fn bias_and_activation() {
-        let b = Tensor::new(&[0.5_f32, -1.0], &Device::Cpu).unwrap();
         for (activation, expected) in [
             (Activation::Linear, [1.5, -3.0, -0.5, 2.0]),
             (Activation::Relu, [1.5, 0.0, 0.0, 2.0]),
             (Activation::Tanh, [1.5_f32.tanh(), (-3.0_f32).tanh(), (-0.5_f32).tanh(), 2.0_f32.tanh()]),
         ] {
-            let y = tensor(&[1.0, -2.0, -1.0, 3.0], (2, 2));
-            y.inplace_op2(&b, &AddBias(activation)).unwrap();
-            assert_eq!(numbers(&y), expected, "{activation:?}");
+            let mut y = [1.0, -2.0, -1.0, 3.0];
+            activation.add_bias(&mut y, &[0.5, -1.0, 0.5, -1.0]);
+            assert_eq!(y, expected, "{activation:?}");
         }
     }
 
@@ -197,7 +222,7 @@ mod tests {
         ] {
             let d = tensor(&[1.0, 2.0, 3.0, 4.0], (2, 2));
             d.inplace_op2(&y, &Slope(activation)).unwrap();
-            assert_eq!(numbers(&d), expected, "{activation:?}");
+            assert_eq!(vector(&d), expected, "{activation:?}");
         }
     }
 
@@ -207,14 +232,14 @@ mod tests {
         let y = tensor(&[1.0, -1.0, 1.0, -0.5], (1, 4));
         let d = tensor(&[2.0, -3.0, -2.0, 4.0], (1, 4));
         d.inplace_op2(&y, &Slope(Activation::OpenTanh)).unwrap();
-        assert_eq!(numbers(&d), [2.0, -3.0, 0.0, 3.0]);
+        assert_eq!(vector(&d), [2.0, -3.0, 0.0, 3.0]);
     }
 
     #[test]
     fn sums_of_rows() {
         let s = Tensor::full(f32::NAN, 2, &Device::Cpu).unwrap();
         s.inplace_op2(&tensor(&[1.0, 2.0, 3.0, 4.0, -5.0, 0.5], (3, 2)), &SumRows).unwrap();
-        assert_eq!(numbers(&s), [-1.0, 6.5]);
+        assert_eq!(vector(&s), [-1.0, 6.5]);
     }
 
     #[test]
@@ -226,13 +251,9 @@ mod tests {
         }
         for bad in [f32::NAN, f32::INFINITY] {
             assert!(!sum_of_squares(&tensor(&[1.0, bad], (1, 2))).unwrap().is_finite());
-            let y = tensor(&[bad], (1, 1));
-            y.inplace_op2(
-                &Tensor::zeros(1, candle_core::DType::F32, &Device::Cpu).unwrap(),
-                &AddBias(Activation::Relu),
-            )
-            .unwrap();
-            assert!(!numbers(&y)[0].is_finite(), "ReLU hides {bad}");
+            let mut y = [bad];
+            Activation::Relu.add_bias(&mut y, &[0.0]);
+            assert!(!y[0].is_finite(), "ReLU hides {bad}");
         }
     }
 }

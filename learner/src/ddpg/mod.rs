@@ -18,6 +18,7 @@ mod product;
 mod snapshot;
 #[cfg(test)]
 mod tests;
+mod tile;
 mod update;
 
 pub use batch::Batch;

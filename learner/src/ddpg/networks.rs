@@ -10,8 +10,9 @@
 //! Hidden layers are ReLU. W stands input-major, so that the forward pass, of which there are most, need not turn it
 //! over. No graph is recorded: `deltas`, `gradients` and `input_gradient` are the backward pass.
 
-use super::kernels::{Activation, AddBias, Slope, SumRows, write};
+use super::kernels::{Activation, Slope, SumRows, write};
 use super::product::product;
+use super::tile::Finish;
 use candle_core::{DType, Device, Result, Tensor};
 use herd_common::seed::Seed;
 use rand::{Rng, RngExt};
@@ -110,12 +111,6 @@ impl Pass {
         Ok(Self { outputs: tensors()?, deltas: tensors()? })
     }
 
-    /// The first `rows` rows of it.
-    pub(super) fn first(&self, rows: usize) -> Result<Self> {
-        let views = |tensors: &[Tensor]| tensors.iter().map(|tensor| tensor.narrow(0, 0, rows)).collect::<Result<_>>();
-        Ok(Self { outputs: views(&self.outputs)?, deltas: views(&self.deltas)? })
-    }
-
     /// y of the last layer: what the network answers.
     pub(super) fn output(&self) -> &Tensor {
         self.outputs.last().expect("a network has a layer")
@@ -178,7 +173,7 @@ impl Network {
         })
     }
 
-    /// Room for passes of up to `rows` rows.
+    /// Room for passes of `rows` rows.
     pub(super) fn pass(&self, rows: usize) -> Result<Pass> {
         let input = self.spans[0].shape[0];
         let outputs = self.spans.iter().skip(1).step_by(2).map(Span::len);
@@ -190,8 +185,7 @@ impl Network {
         let layers = if row == Row::Target { &self.target } else { &self.online };
         let mut x = x;
         for (layer, y) in layers.iter().zip(&pass.outputs) {
-            product(y, x, &layer.weight)?;
-            y.inplace_op2(&layer.bias, &AddBias(layer.activation))?;
+            product(y, x, &layer.weight, Finish::Bias(&layer.bias, layer.activation))?;
             x = y;
         }
         Ok(())
@@ -199,37 +193,30 @@ impl Network {
 
     /// δ of every layer of the online network, from the loss's gradient that stands in `pass.output_gradient()`.
     pub(super) fn deltas(&self, pass: &Pass) -> Result<()> {
-        for (i, layer) in self.online.iter().enumerate().rev() {
-            pass.deltas[i].inplace_op2(&pass.outputs[i], &Slope(layer.activation))?;
-            if i > 0 {
-                product(&pass.deltas[i - 1], &pass.deltas[i], &layer.weight.t()?)?;
-            }
+        let last = self.online.last().expect("a network has a layer");
+        pass.output_gradient().inplace_op2(pass.output(), &Slope(last.activation))?;
+        for (i, pair) in self.online.windows(2).enumerate().rev() {
+            let slope = Finish::Slope(&pass.outputs[i], pair[0].activation);
+            product(&pass.deltas[i], &pass.deltas[i + 1], &pair[1].weight.t()?, slope)?;
         }
         Ok(())
     }
 
-    /// Writes the gradient of every weight and bias into its row, from the first `rows` of a pass that began with `x`.
-    pub(super) fn gradients(&self, x: &Tensor, pass: &Pass, rows: usize) -> Result<()> {
+    /// Writes the gradient of every weight and bias into its row, from a pass that began with `x`.
+    pub(super) fn gradients(&self, x: &Tensor, pass: &Pass) -> Result<()> {
         let inputs = std::iter::once(x).chain(&pass.outputs);
         for ((input, delta), gradient) in inputs.zip(&pass.deltas).zip(&self.gradient) {
-            let delta = delta.narrow(0, 0, rows)?;
-            product(&gradient.weight, &input.narrow(0, 0, rows)?.t()?, &delta)?;
-            gradient.bias.inplace_op2(&delta, &SumRows)?;
+            product(&gradient.weight, &input.t()?, delta, Finish::Nothing)?;
+            gradient.bias.inplace_op2(delta, &SumRows)?;
         }
         Ok(())
     }
 
-    /// ∂loss/∂x for the rows of the pass from `first_row` on and the columns from `first_column` on, into `gradient`.
-    pub(super) fn input_gradient(
-        &self,
-        pass: &Pass,
-        first_row: usize,
-        first_column: usize,
-        gradient: &Tensor,
-    ) -> Result<()> {
-        let (delta, weight) = (&pass.deltas[0], &self.online[0].weight);
+    /// ∂loss/∂x for the columns from `first_column` on, into `gradient`.
+    pub(super) fn input_gradient(&self, pass: &Pass, first_column: usize, gradient: &Tensor) -> Result<()> {
+        let weight = &self.online[0].weight;
         let weight = weight.narrow(0, first_column, weight.dim(0)? - first_column)?;
-        product(gradient, &delta.narrow(0, first_row, delta.dim(0)? - first_row)?, &weight.t()?)
+        product(gradient, &pass.deltas[0], &weight.t()?, Finish::Nothing)
     }
 }
 
@@ -329,26 +316,24 @@ pub(super) mod tests {
         let y = recorded_forward(&vars, &x, activation);
         let store = (y.clone() * &factor).unwrap().sum_all().unwrap().backward().unwrap();
 
-        // Rows left over from a larger batch must not show.
-        let pass = network.pass(batch + 3).unwrap().first(batch).unwrap();
+        let pass = network.pass(batch).unwrap();
         network.forward(Row::Online, x.as_tensor(), &pass).unwrap();
         assert_close("output", pass.output(), &y);
         pass.output_gradient().slice_set(&factor, 0, 0).unwrap();
         network.deltas(&pass).unwrap();
-        network.gradients(x.as_tensor(), &pass, batch).unwrap();
+        network.gradients(x.as_tensor(), &pass).unwrap();
         let gradients = tensors(&network, Row::Gradient);
         for ((span, gradient), var) in network.spans().iter().zip(&gradients).zip(&vars) {
             assert_close(&span.name, gradient, store.get(var).unwrap());
         }
         let input = store.get(&x).unwrap();
-        let input_gradient = |row, column| {
-            let found = Tensor::zeros((batch - row, inputs - column), DType::F32, &Device::Cpu).unwrap();
-            network.input_gradient(&pass, row, column, &found).unwrap();
+        let input_gradient = |column| {
+            let found = Tensor::zeros((batch, inputs - column), DType::F32, &Device::Cpu).unwrap();
+            network.input_gradient(&pass, column, &found).unwrap();
             found
         };
-        assert_close("input", &input_gradient(0, 0), input);
-        let corner = input.narrow(0, batch / 2, batch - batch / 2).unwrap().narrow(1, 1, inputs - 1).unwrap();
-        assert_close("corner", &input_gradient(batch / 2, 1), &corner);
+        assert_close("input", &input_gradient(0), input);
+        assert_close("last columns", &input_gradient(1), &input.narrow(1, 1, inputs - 1).unwrap());
     }
 
     #[test]
@@ -357,26 +342,6 @@ pub(super) mod tests {
         check(&[6, 33, 1], Activation::Linear, 9);
         check(&[60, 128, 64, 1], Activation::Linear, 64);
         check(&[3, 2], Activation::Tanh, 5);
-    }
-
-    #[test]
-    fn gradients_of_some_rows_ignore_the_others() {
-        let network =
-            Network::new(&[4, 8, 1], Head { activation: Activation::Linear, init: 0.5 }, Seed::from_number(3));
-        let network = network.unwrap();
-        let (top, both) = (random((3, 4), 1), random((3, 4), 2));
-        let both = Tensor::cat(&[&top, &both], 0).unwrap();
-        let gradients = |x: &Tensor| {
-            let pass = network.pass(x.dim(0).unwrap()).unwrap();
-            network.forward(Row::Online, x, &pass).unwrap();
-            super::super::kernels::write(pass.output_gradient(), |gradient| gradient.fill(1.0)).unwrap();
-            network.deltas(&pass).unwrap();
-            network.gradients(x, &pass, 3).unwrap();
-            tensors(&network, Row::Gradient)
-        };
-        for (found, expected) in gradients(&both).iter().zip(&gradients(&top)) {
-            assert_close("gradient", found, expected);
-        }
     }
 
     #[test]

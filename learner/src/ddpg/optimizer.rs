@@ -101,18 +101,25 @@ impl InplaceOp1 for Adam {
 impl Adam {
     #[inline]
     fn round(&self, rows: Rows<'_>) {
+        match self.target_rate {
+            Some(rate) => self.step(rows, |target, weight| *target += rate * (weight - *target)),
+            None => self.step(rows, |_, _| ()),
+        }
+    }
+
+    #[inline]
+    fn step(&self, rows: Rows<'_>, follow: impl Fn(&mut f32, f32)) {
         let Rows { weights, targets, means, squares, gradient } = rows;
         let (keep_1, take_1) = (BETA_1 as f32, (1.0 - BETA_1) as f32);
         let (keep_2, take_2) = (BETA_2 as f32, (1.0 - BETA_2) as f32);
-        for (((weight, mean), square), g) in weights.iter_mut().zip(means).zip(squares).zip(gradient) {
+        let lasting = weights.iter_mut().zip(targets).zip(means.iter_mut().zip(squares));
+        for (((weight, target), (mean, square)), g) in lasting.zip(gradient) {
             let g = g * self.gradient_scale;
             let (m, v) = (keep_1 * *mean + take_1 * g, keep_2 * *square + take_2 * g * g);
             *mean = if m.abs() < SMALLEST_MOMENT { 0.0 } else { m };
             *square = if v < SMALLEST_MOMENT { 0.0 } else { v };
             *weight -= self.rate * *mean / (square.sqrt() * self.root_scale + EPSILON);
-        }
-        if let Some(rate) = self.target_rate {
-            targets.iter_mut().zip(&*weights).for_each(|(target, weight)| *target += rate * (weight - *target));
+            follow(target, *weight);
         }
     }
 }

@@ -1,33 +1,36 @@
-//! The matrix product, in place on candle tensors: C ← A B.
+//! The matrix product, in place on candle tensors: C ← f(A B).
 //!
 //! | symbol | name | shape |
 //! |---|---|---|
 //! | A | left factor, any strides | `[m, k]` |
 //! | B | right factor, any strides | `[k, n]` |
 //! | C | result, contiguous | `[m, n]` |
+//! | f | what follows a sum: nothing, a bias and an activation, the slope of one | – |
 //!
 //! candle's own product asks the operating system for the number of processors each time and fills fresh memory; on
-//! networks of this size the two cost as much as the arithmetic. Here every number of C is one chain of fused
-//! multiply-adds in the order of k, on the calling thread: the bits depend neither on the width of the registers nor on
-//! the size of the caches. Both factors are copied into the order in which they are read, strips of B no deeper than fit
-//! the nearest cache; a tile of C stays in registers while a strip lasts.
+//! networks of this size the two cost as much as the arithmetic. Here every number of A B is one chain of fused
+//! multiply-adds in the order of k, on the calling thread, and f is taken of it alone: the bits depend neither on the
+//! width of the registers nor on the size of the caches. Both factors are copied into the order in which they are read,
+//! strips of B no deeper than fit the nearest cache; `tile` does the arithmetic.
 
 #![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
+#![expect(clippy::needless_range_loop, reason = "iterators are not inlined where there is much code around them")]
 
-use super::kernels::slice_mut;
+use super::kernels::{numbers, slice_mut};
+use super::tile::{At, Finish, Panel, Rows, place};
 use candle_core::{CpuStorage, InplaceOp3, Layout, Result, Tensor, bail};
 use pulp::{Simd, WithSimd};
 use std::cell::RefCell;
 use std::ops::Range;
 
-/// `c ← a · b`.
-pub(super) fn product(c: &Tensor, a: &Tensor, b: &Tensor) -> Result<()> {
-    c.inplace_op3(a, b, &Product)
+/// `c ← f(a · b)`; the tensor in `finish` must not share memory with c.
+pub(super) fn product(c: &Tensor, a: &Tensor, b: &Tensor, finish: Finish<&Tensor>) -> Result<()> {
+    c.inplace_op3(a, b, &Product(finish))
 }
 
-struct Product;
+struct Product<'a>(Finish<&'a Tensor>);
 
-impl InplaceOp3 for Product {
+impl InplaceOp3 for Product<'_> {
     fn name(&self) -> &'static str {
         "product"
     }
@@ -47,7 +50,15 @@ impl InplaceOp3 for Product {
             bail!("product of {:?} and {:?} into {:?}", a_at.shape(), b_at.shape(), c_at.shape());
         }
         let c = slice_mut(c, c_at)?;
-        SCRATCH.with_borrow_mut(|scratch| pulp::Arch::new().dispatch(Multiply { c, a, b, scratch }));
+        let held = self.0.operand().map(Tensor::storage_and_layout);
+        let finish = match &held {
+            None => Finish::Nothing,
+            Some((storage, layout)) => self.0.with(numbers(storage, layout)?),
+        };
+        if finish.len(m, n) != finish.operand().map(<[f32]>::len) {
+            bail!("a product of shape {:?} does not go with {:?}", c_at.shape(), self.0);
+        }
+        SCRATCH.with_borrow_mut(|scratch| pulp::Arch::new().dispatch(Multiply { c, a, b, finish, scratch }));
         Ok(())
     }
 }
@@ -81,24 +92,34 @@ impl<'a> Matrix<'a> {
         Ok(Self { numbers: &numbers[layout.start_offset()..], rows, columns, row_stride, column_stride })
     }
 
+    /// The numbers `reach` of R rows from row `first` on, counted from the beginning of each.
+    #[inline(always)]
+    fn rows<const R: usize>(&self, first: usize, reach: Range<usize>) -> [&'a [f32]; R] {
+        let mut rows: [&[f32]; R] = [&[]; R];
+        for r in 0..R {
+            rows[r] = &self.numbers[(first + r) * self.row_stride..][reach.clone()];
+        }
+        rows
+    }
+
     /// Copies rows `rows` of the columns from `column` on into `strip`, row by row, with zeros beyond the last column.
     #[inline(always)]
     fn copy_strip<const W: usize>(&self, rows: Range<usize>, column: usize, strip: &mut [[f32; W]]) {
         let width = W.min(self.columns - column);
         if self.column_stride == 1 {
-            for (k, row) in rows.zip(strip) {
-                let numbers = &self.numbers[k * self.row_stride + column..];
+            for k in 0..rows.len() {
+                let numbers = &self.numbers[(rows.start + k) * self.row_stride + column..];
                 if width == W {
-                    *row = *numbers.first_chunk().expect("a whole row of the strip");
+                    strip[k] = *numbers.first_chunk().expect("a whole row of the strip");
                 } else {
-                    row[..width].copy_from_slice(&numbers[..width]);
-                    row[width..].fill(0.0);
+                    strip[k][..width].copy_from_slice(&numbers[..width]);
+                    strip[k][width..].fill(0.0);
                 }
             }
             return;
         }
-        for (i, strip) in strip.chunks_mut(BLOCK).enumerate() {
-            self.turn_block(rows.start + i * BLOCK, column, width, strip);
+        for (i, strip) in strip.chunks_mut(LINE).enumerate() {
+            self.turn_block(rows.start + i * LINE, column, width, strip);
         }
     }
 
@@ -106,13 +127,14 @@ impl<'a> Matrix<'a> {
     #[inline(always)]
     fn turn_block<const W: usize>(&self, row: usize, column: usize, width: usize, strip: &mut [[f32; W]]) {
         let column_at = |c: usize| &self.numbers[row * self.row_stride + (column + c) * self.column_stride..];
-        if let (Some(strip), true) =
-            (strip.first_chunk_mut::<BLOCK>(), width == W && W >= GROUP && self.row_stride == 1)
+        if let (Some(strip), true) = (strip.first_chunk_mut::<LINE>(), width == W && W >= GROUP && self.row_stride == 1)
         {
             for c in (0..W).step_by(GROUP) {
-                let columns: [&[f32; BLOCK]; GROUP] =
-                    std::array::from_fn(|i| column_at(c + i).first_chunk().expect("a block of rows"));
-                for k in 0..BLOCK {
+                let mut columns = [&[0.0; LINE]; GROUP];
+                for i in 0..GROUP {
+                    columns[i] = column_at(c + i).first_chunk().expect("a block of rows");
+                }
+                for k in 0..LINE {
                     for i in 0..GROUP {
                         strip[k][c + i] = columns[i][k];
                     }
@@ -134,7 +156,7 @@ impl<'a> Matrix<'a> {
 /// Columns that are turned over together.
 const GROUP: usize = 4;
 /// Numbers in a line of cache, by which a matrix is turned over.
-const BLOCK: usize = 16;
+const LINE: usize = 16;
 /// Terms of the sums that are added before the next column strip: a strip of B then stays in the nearest cache.
 const DEPTH: usize = 256;
 
@@ -142,6 +164,7 @@ struct Multiply<'a> {
     c: &'a mut [f32],
     a: Matrix<'a>,
     b: Matrix<'a>,
+    finish: Finish<&'a [f32]>,
     scratch: &'a mut Scratch,
 }
 
@@ -152,117 +175,113 @@ impl WithSimd for Multiply<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         // Tiles that leave registers to spare: 32 of them where a register holds 16 numbers, else 16.
         match S::F32_LANES {
-            16 => self.tiled::<S, 8, 2, 32>(simd),
-            8 => self.tiled::<S, 4, 2, 16>(simd),
-            4 => self.tiled::<S, 4, 2, 8>(simd),
-            _ => self.tiled::<S, 4, 1, 1>(simd),
+            16 => self.tiled::<S, 8, 2, 32, 16>(simd),
+            8 => self.tiled::<S, 4, 2, 16, 8>(simd),
+            4 => self.tiled::<S, 4, 2, 8, 4>(simd),
+            _ => self.tiled::<S, 4, 1, 1, 1>(simd),
         }
     }
 }
 
 impl Multiply<'_> {
-    /// Works through C in tiles of R rows and V registers, W columns. Rows and columns beyond C are zeros that are not stored.
+    /// Works through C in strips of W columns, which are V registers; a last strip that fits into one register, of N
+    /// numbers, is of that width. So a layer of few outputs costs half.
     ///
     /// Columns outside, rows inside: a strip of B is fetched from far once and then met again in a near cache.
     #[inline(always)]
-    fn tiled<S: Simd, const R: usize, const V: usize, const W: usize>(self, simd: S) {
-        let Self { c, a, b, scratch } = self;
-        let (n, depth) = (b.columns, a.columns);
+    fn tiled<S: Simd, const R: usize, const V: usize, const W: usize, const N: usize>(self, simd: S) {
+        let Self { c, a, b, finish, scratch } = self;
         // Rows that lie in one piece are read where they are.
         let whole = if a.column_stride == 1 { a.rows / R } else { 0 };
-        let panels = blocks::<R>(&mut scratch.panels, depth * (a.rows.div_ceil(R) - whole));
-        for (i, panel) in panels.chunks_exact_mut(depth).enumerate() {
-            pack(panel, &a, (whole + i) * R);
+        let panels = blocks::<R>(&mut scratch.panels, a.columns * (a.rows.div_ceil(R) - whole));
+        for (i, panels) in panels.chunks_mut(LINE / R * a.columns).enumerate() {
+            pack_line(panels, &a, whole * R + i * LINE);
         }
-        let strip = blocks::<W>(&mut scratch.strip, depth.min(DEPTH));
-        for j in (0..n).step_by(W) {
-            let width = W.min(n - j);
-            for k in (0..depth).step_by(DEPTH) {
-                let rows = k..depth.min(k + DEPTH);
-                let strip = &mut strip[..rows.len()];
-                b.copy_strip(rows.clone(), j, strip);
-                for first in (0..a.rows).step_by(R) {
-                    let at = At { start: first * n + j, stride: n, width, adds: k > 0 };
-                    if first / R < whole {
-                        let row = |r| &a.numbers[(first + r) * a.row_stride..][rows.clone()];
-                        place::<S, R, V, W>(simd, &Rows::<R>(std::array::from_fn(row)), strip, c, at);
-                    } else {
-                        let panel = &panels[(first / R - whole) * depth..][rows.clone()];
-                        place::<S, R, V, W>(simd, &Panel(panel), strip, c, at);
-                    }
+        let (left, room) = (&Packed { a, whole, panels }, &mut scratch.strip);
+        for column in (0..b.columns).step_by(W) {
+            if b.columns - column > N {
+                simd.vectorize(Strip::<R, V, W> { c, left, b, column, finish, room });
+            } else {
+                simd.vectorize(Strip::<R, 1, N> { c, left, b, column, finish, room });
+            }
+        }
+    }
+}
+
+/// A, ready to be read R rows at a time.
+struct Packed<'a, const R: usize> {
+    a: Matrix<'a>,
+    /// Groups of R rows that are read where they are.
+    whole: usize,
+    /// The other rows, R at a time, with zeros beyond the last.
+    panels: &'a [[f32; R]],
+}
+
+/// The strip of C that begins in `column`, in tiles of R rows and V registers, W columns. Rows and columns beyond C are
+/// zeros that are not stored. It is a function of its own because a larger one is not inlined to the end.
+struct Strip<'a, const R: usize, const V: usize, const W: usize> {
+    c: &'a mut [f32],
+    left: &'a Packed<'a, R>,
+    b: Matrix<'a>,
+    column: usize,
+    finish: Finish<&'a [f32]>,
+    /// For the strip of B.
+    room: &'a mut Vec<f32>,
+}
+
+impl<const R: usize, const V: usize, const W: usize> WithSimd for Strip<'_, R, V, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { c, left: Packed { a, whole, panels }, b, column, finish, room } = self;
+        let (n, depth, width) = (b.columns, a.columns, W.min(b.columns - column));
+        let strip = blocks::<W>(room, depth.min(DEPTH));
+        for k in (0..depth).step_by(DEPTH) {
+            let terms = k..depth.min(k + DEPTH);
+            let strip = &mut strip[..terms.len()];
+            b.copy_strip(terms.clone(), column, strip);
+            let finish = if terms.end == depth { finish } else { Finish::Nothing };
+            for first in (0..a.rows).step_by(R) {
+                let start = first * n + column;
+                let at = At { start, stride: n, column, rows: R.min(a.rows - first), width, adds: k > 0 };
+                if first / R < *whole {
+                    place::<S, R, V, W>(simd, &Rows::<R>(a.rows(first, terms.clone())), strip, c, at, finish);
+                } else {
+                    let panel = &panels[(first / R - whole) * depth..][terms.clone()];
+                    place::<S, R, V, W>(simd, &Panel(panel), strip, c, at, finish);
                 }
             }
         }
     }
 }
 
-/// R rows of A, wherever they stand.
-trait Left {
-    /// The number in row `r` and column `k`.
-    fn at(&self, k: usize, r: usize) -> f32;
-}
-
-/// Rows that are read where they are.
-struct Rows<'a, const R: usize>([&'a [f32]; R]);
-
-impl<const R: usize> Left for Rows<'_, R> {
-    #[inline(always)]
-    fn at(&self, k: usize, r: usize) -> f32 {
-        self.0[r][k]
-    }
-}
-
-/// Rows that were packed column by column.
-struct Panel<'a, const R: usize>(&'a [[f32; R]]);
-
-impl<const R: usize> Left for Panel<'_, R> {
-    #[inline(always)]
-    fn at(&self, k: usize, r: usize) -> f32 {
-        self.0[k][r]
-    }
-}
-
-/// Where a tile stands in C.
-#[derive(Clone, Copy)]
-struct At {
-    start: usize,
-    stride: usize,
-    /// Columns that are not beyond C.
-    width: usize,
-    /// True when the sums go on that stand there.
-    adds: bool,
-}
-
-/// One tile into C. At the edges it is worked out aside.
-#[inline(always)]
-fn place<S: Simd, const R: usize, const V: usize, const W: usize>(
-    simd: S,
-    left: &impl Left,
-    strip: &[[f32; W]],
-    c: &mut [f32],
-    at: At,
-) {
-    let starts = (at.start..c.len()).step_by(at.stride).take(R);
-    if at.width == W && starts.len() == R {
-        tile::<S, R, V, W>(simd, left, strip, &mut c[at.start..], at);
-        return;
-    }
-    let mut aside = [[0.0_f32; W]; R];
-    for (r, start) in starts.clone().enumerate() {
-        aside[r][..at.width].copy_from_slice(&c[start..][..at.width]);
-    }
-    tile::<S, R, V, W>(simd, left, strip, aside.as_flattened_mut(), At { stride: W, ..at });
-    for (r, start) in starts.enumerate() {
-        c[start..][..at.width].copy_from_slice(&aside[r][..at.width]);
-    }
-}
-
-/// `count` blocks of N numbers, of any value, out of a buffer that only grows.
+/// `count` blocks of N numbers, of any value, out of a buffer that only grows. They begin with a line of cache: a
+/// register that is read across two lines costs two reads.
 fn blocks<const N: usize>(buffer: &mut Vec<f32>, count: usize) -> &mut [[f32; N]] {
-    if buffer.len() < N * count {
-        buffer.resize(N * count, 0.0);
+    if buffer.len() < N * count + LINE {
+        buffer.resize(N * count + LINE, 0.0);
     }
-    &mut buffer.as_chunks_mut().0[..count]
+    let first = buffer.as_ptr().align_offset(LINE * size_of::<f32>());
+    &mut buffer[first..].as_chunks_mut().0[..count]
+}
+
+/// The panels of as many rows as a line of cache has numbers, from row `first` on. Rows that lie side by side are read
+/// by the line, so that each is fetched once.
+#[inline(always)]
+fn pack_line<const R: usize>(panels: &mut [[f32; R]], a: &Matrix<'_>, first: usize) {
+    if a.row_stride == 1 && first + LINE <= a.rows {
+        for k in 0..a.columns {
+            let line: &[f32; LINE] = a.numbers[k * a.column_stride + first..].first_chunk().expect("a line of rows");
+            for (i, rows) in line.as_chunks().0.iter().enumerate() {
+                panels[i * a.columns + k] = *rows;
+            }
+        }
+    } else {
+        for (i, panel) in panels.chunks_exact_mut(a.columns).enumerate() {
+            pack(panel, a, first + i * R);
+        }
+    }
 }
 
 /// Rows `first .. first + R` of A, column by column, with zeros beyond the last row.
@@ -280,8 +299,7 @@ fn pack<const R: usize>(panel: &mut [[f32; R]], a: &Matrix<'_>, first: usize) {
             *column = *a.numbers[k * a.column_stride + first..].first_chunk().expect("R rows");
         }
     } else {
-        let reach = (panel.len() - 1) * a.column_stride + 1;
-        let rows: [&[f32]; R] = std::array::from_fn(|r| &a.numbers[(first + r) * a.row_stride..][..reach]);
+        let rows = a.rows::<R>(first, 0..(panel.len() - 1) * a.column_stride + 1);
         for k in 0..panel.len() {
             for r in 0..R {
                 panel[k][r] = rows[r][k * a.column_stride];
@@ -290,45 +308,9 @@ fn pack<const R: usize>(panel: &mut [[f32; R]], a: &Matrix<'_>, first: usize) {
     }
 }
 
-/// A strip's part of R rows of W numbers of C, held in V registers each while it lasts.
-#[expect(clippy::needless_range_loop, reason = "iterators are not unrolled, and then the sums are kept in memory")]
-#[inline(always)]
-fn tile<S: Simd, const R: usize, const V: usize, const W: usize>(
-    simd: S,
-    left: &impl Left,
-    strip: &[[f32; W]],
-    c: &mut [f32],
-    at: At,
-) {
-    let mut sums = [[simd.splat_f32s(0.0); V]; R];
-    if at.adds {
-        for r in 0..R {
-            sums[r] = registers::<S, V, W>(c[r * at.stride..].first_chunk().expect("a row of the tile"));
-        }
-    }
-    for k in 0..strip.len() {
-        let row = registers::<S, V, W>(&strip[k]);
-        for r in 0..R {
-            let x = simd.splat_f32s(left.at(k, r));
-            for v in 0..V {
-                sums[r][v] = simd.mul_add_f32s(x, row[v], sums[r][v]);
-            }
-        }
-    }
-    for r in 0..R {
-        let (to, _) = S::as_mut_simd_f32s(&mut c[r * at.stride..][..W]);
-        *to.first_chunk_mut().expect("W numbers are V registers") = sums[r];
-    }
-}
-
-#[inline(always)]
-fn registers<S: Simd, const V: usize, const W: usize>(numbers: &[f32; W]) -> [S::f32s; V] {
-    let (numbers, _) = S::as_simd_f32s(numbers);
-    *numbers.first_chunk().expect("W numbers are V registers")
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::kernels::Activation;
     use super::super::networks::tests::random;
     use super::*;
     use candle_core::{DType, Device};
@@ -340,7 +322,7 @@ mod tests {
         };
         let (a, b) = (factor(m, k, flips.0, 1), factor(k, n, flips.1, 2));
         let c = Tensor::full(f32::NAN, (m, n), &Device::Cpu).unwrap();
-        product(&c, &a, &b).unwrap();
+        product(&c, &a, &b, Finish::Nothing).unwrap();
         let exact = |t: &Tensor| t.to_dtype(DType::F64).unwrap();
         let expected = exact(&a).matmul(&exact(&b)).unwrap();
         let error = (exact(&c) - expected).unwrap().abs().unwrap().max_all().unwrap().to_scalar::<f64>().unwrap();
@@ -361,7 +343,7 @@ mod tests {
         let (a, b) = (random((9, 20), 3), random((30, 12), 4));
         let (a, b) = (a.narrow(0, 2, 5).unwrap().narrow(1, 3, 7).unwrap(), b.narrow(0, 11, 7).unwrap());
         let whole = Tensor::zeros((8, 12), DType::F32, &Device::Cpu).unwrap();
-        product(&whole.narrow(0, 2, 5).unwrap(), &a, &b).unwrap();
+        product(&whole.narrow(0, 2, 5).unwrap(), &a, &b, Finish::Nothing).unwrap();
         let copy = |t: &Tensor| t.contiguous().unwrap();
         let expected = copy(&a).matmul(&copy(&b)).unwrap();
         super::super::networks::tests::assert_close("view", &whole.narrow(0, 2, 5).unwrap(), &expected);
@@ -375,7 +357,7 @@ mod tests {
         let (a, b) = (random((13, K), 5), random((K, 37), 6));
         let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
         let c = Tensor::zeros((13, 37), DType::F32, &Device::Cpu).unwrap();
-        product(&c, &a, &b).unwrap();
+        product(&c, &a, &b, Finish::Nothing).unwrap();
         let (a, b) = (numbers(&a), numbers(&b));
         for (at, found) in numbers(&c).iter().enumerate() {
             let (i, j) = (at / 37, at % 37);
@@ -384,8 +366,35 @@ mod tests {
     }
 
     #[test]
+    fn what_follows_a_sum_is_done_once_to_every_number() {
+        // Deeper than one strip; whole tiles, rows and columns left over, and strips that fit into one register.
+        for (m, n) in [(16, 64), (13, 37), (9, 3), (5, 1)] {
+            let (a, b) = (random((m, DEPTH + 9), 7), random((DEPTH + 9, n), 8));
+            let (bias, y) = (random((1, n), 9).flatten_all().unwrap(), random((m, n), 10));
+            let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+            let with = |finish: Finish<&Tensor>| {
+                let c = Tensor::full(f32::NAN, (m, n), &Device::Cpu).unwrap();
+                product(&c, &a, &b, finish).unwrap();
+                numbers(&c)
+            };
+            let (sums, bias_at, y_at) = (with(Finish::Nothing), numbers(&bias), numbers(&y));
+            for f in [Activation::Linear, Activation::Relu, Activation::Tanh] {
+                let mut expected = sums.clone();
+                expected.chunks_exact_mut(n).for_each(|row| f.add_bias(row, &bias_at));
+                assert_eq!(with(Finish::Bias(&bias, f)), expected, "bias, {f:?}, {m} × {n}");
+                let mut expected = sums.clone();
+                f.slope(&mut expected, &y_at);
+                assert_eq!(with(Finish::Slope(&y, f)), expected, "slope, {f:?}, {m} × {n}");
+            }
+        }
+    }
+
+    #[test]
     fn factors_that_do_not_fit_are_refused() {
         let c = Tensor::zeros((2, 3), DType::F32, &Device::Cpu).unwrap();
-        assert!(product(&c, &random((2, 4), 1), &random((5, 3), 2)).is_err());
+        let (a, b) = (random((2, 4), 1), random((4, 3), 2));
+        assert!(product(&c, &a, &b, Finish::Bias(&random((1, 2), 3), Activation::Relu)).is_err());
+        assert!(product(&c, &a, &b, Finish::Slope(&random((3, 3), 3), Activation::Relu)).is_err());
+        assert!(product(&c, &random((2, 4), 1), &random((5, 3), 2), Finish::Nothing).is_err());
     }
 }

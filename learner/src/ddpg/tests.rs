@@ -56,7 +56,7 @@ fn run(ddpg: &mut Ddpg, replay: &Replay, updates: usize) -> Vec<Update> {
 
 /// Sixteen transitions for the learner's batch.
 fn fill<'a>(ddpg: &Ddpg, replay: &'a Replay) -> Vec<Row<'a>> {
-    let rows: Vec<_> = replay.draw(ddpg.batch.len(), &mut Seed::from_number(7).rng()).collect();
+    let rows: Vec<_> = replay.draw(ddpg.config.batch_size, &mut Seed::from_number(7).rng()).collect();
     ddpg.batch.fill(&rows, ddpg.config.reward_scale as f32).unwrap();
     rows
 }
@@ -75,7 +75,7 @@ fn gradients_match_autograd() {
         let mut critic_loss = 0.0;
         for critic in &ddpg.critics {
             let vars = variables(critic);
-            let values = recorded_forward(&vars, &ddpg.batch.state_actions().unwrap(), Activation::Linear);
+            let values = recorded_forward(&vars, ddpg.batch.inputs(), Activation::Linear);
             let loss = losses::critic(&values, &y, ddpg.batch.weights()).unwrap();
             critic_loss += loss.to_scalar::<f32>().unwrap() / ddpg.critics.len() as f32;
             let store = loss.backward().unwrap();

@@ -7,7 +7,8 @@
 //! | π′, Q′ | their target copies | the same |
 //!
 //! Both losses' gradients are taken at the same weights and applied together, so an update happens whole or not at
-//! all, and the critic meets (s, a) and (s, π(s)) in one batch. TD3 (Fujimoto et al. 2018): y uses the lower of two
+//! all. The critic is through with (s, a), backward pass included, before it meets (s, π(s)): half the memory stays in
+//! nearer caches. TD3 (Fujimoto et al. 2018): y uses the lower of two
 //! target critics at a′ = clip(π′(s′) + clip(noise)), and actor and targets move every `actor_every` updates.
 
 use super::batch::Batch;
@@ -63,7 +64,7 @@ pub struct Ddpg {
     pub(super) priorities: Option<Priorities>,
     /// Room for n rows of the actor, online or target.
     actor_pass: Pass,
-    /// Room for 2n rows of any critic, online or target.
+    /// Room for n rows of any critic, online or target.
     critic_pass: Pass,
 }
 
@@ -100,7 +101,7 @@ impl Ddpg {
             priorities: (config.priority_alpha > 0.0)
                 .then(|| Priorities::new(config.priority_alpha, config.priority_beta, config.replay_capacity)),
             actor_pass: actor.pass(config.batch_size)?,
-            critic_pass: critics[0].pass(2 * config.batch_size)?,
+            critic_pass: critics[0].pass(config.batch_size)?,
             actor,
             critics,
         })
@@ -209,29 +210,22 @@ impl Ddpg {
 
     /// Losses and gradients for the batch; changes nothing that lasts.
     pub(super) fn findings(&self, targets: &Tensor, moves_actor: bool) -> Result<Findings, Error> {
-        if moves_actor {
-            self.actor.forward(Row::Online, &self.batch.observations()?, &self.actor_pass)?;
-            self.batch.set_own_actions(self.actor_pass.output())?;
-        }
         let mut critics = Vec::with_capacity(self.critics.len());
         let mut update = Update { critic_loss: 0.0, actor_loss: None, mean_value: 0.0, skipped: false };
-        let (mut actor, mut errors) = (None, Vec::new());
+        let mut errors = Vec::new();
         for (i, critic) in self.critics.iter().enumerate() {
-            // Only the first critic guides the actor.
-            let guides = moves_actor && i == 0;
-            let judged = self.judge(critic, targets, guides)?;
+            let judged = self.judge(critic, targets)?;
             update.critic_loss += judged.loss / self.critics.len() as f32;
             if i == 0 {
                 errors = judged.errors;
                 update.mean_value = judged.mean_value;
-                update.actor_loss = judged.actor_loss;
-            }
-            if guides {
-                self.actor.deltas(&self.actor_pass)?;
-                self.actor.gradients(&self.batch.observations()?, &self.actor_pass, self.batch.len())?;
-                actor = Some(norm(&self.actor)?);
             }
             critics.push(judged.norm);
+        }
+        let mut actor = None;
+        if moves_actor {
+            update.actor_loss = Some(self.guide()?);
+            actor = Some(norm(&self.actor)?);
         }
         Ok(Findings { update, critics, actor, errors })
     }
@@ -247,10 +241,10 @@ impl Ddpg {
         } else {
             batch.set_next_actions(actions)?;
         }
-        let pass = self.critic_pass.first(batch.len())?;
+        let pass = &self.critic_pass;
         let mut lowest: Option<Tensor> = None;
         for critic in &self.critics {
-            critic.forward(Row::Target, batch.next_inputs(), &pass)?;
+            critic.forward(Row::Target, batch.next_inputs(), pass)?;
             let values = pass.output();
             lowest = Some(lowest.map_or_else(|| values.copy(), |lowest| lowest.minimum(values))?);
         }
@@ -264,29 +258,34 @@ impl Ddpg {
         (0..count).map(|_| (sigma * rng.sample::<f32, _>(StandardNormal)).clamp(-clip, clip)).collect()
     }
 
-    /// One critic's loss and gradient; if it guides the actor, ∂(eq 7)/∂a goes into the actor's pass.
-    fn judge(&self, critic: &Network, y: &Tensor, guides: bool) -> Result<Judged, Error> {
-        let (batch, n) = (&self.batch, self.batch.len());
-        let inputs = if guides { batch.both().clone() } else { batch.state_actions()? };
-        let pass = self.critic_pass.first(inputs.dim(0)?)?;
-        critic.forward(Row::Online, &inputs, &pass)?;
-        let values = pass.output().narrow(0, 0, n)?;
-        let loss = losses::critic(&values, y, batch.weights())?.to_scalar()?;
-        let errors = if self.priorities.is_some() { (y - &values)?.flatten_all()?.to_vec1()? } else { Vec::new() };
+    /// One critic's loss and gradient.
+    fn judge(&self, critic: &Network, y: &Tensor) -> Result<Judged, Error> {
+        let (inputs, pass) = (self.batch.inputs(), &self.critic_pass);
+        critic.forward(Row::Online, inputs, pass)?;
+        let values = pass.output();
+        let loss = losses::critic(values, y, self.batch.weights())?.to_scalar()?;
+        let errors = if self.priorities.is_some() { (y - values)?.flatten_all()?.to_vec1()? } else { Vec::new() };
         let mean_value = values.mean_all()?.to_scalar()?;
-        pass.output_gradient().slice_set(&losses::critic_gradient(&values, y, batch.weights())?, 0, 0)?;
-        let mut actor_loss = None;
-        if guides {
-            let own_values = pass.output().narrow(0, n, n)?;
-            actor_loss = Some(losses::actor(&own_values)?.to_scalar()?);
-            pass.output_gradient().slice_set(&losses::actor_gradient(&own_values)?, 0, n)?;
-        }
-        critic.deltas(&pass)?;
-        if guides {
-            critic.input_gradient(&pass, n, self.dims.observation, self.actor_pass.output_gradient())?;
-        }
-        critic.gradients(&inputs, &pass, n)?;
-        Ok(Judged { loss, mean_value, norm: norm(critic)?, actor_loss, errors })
+        pass.output_gradient().slice_set(&losses::critic_gradient(values, y, self.batch.weights())?, 0, 0)?;
+        critic.deltas(pass)?;
+        critic.gradients(inputs, pass)?;
+        Ok(Judged { loss, mean_value, norm: norm(critic)?, errors })
+    }
+
+    /// The actor's loss and gradient, by the first critic.
+    fn guide(&self) -> Result<f32, Error> {
+        let (observations, actor_pass) = (self.batch.observations()?, &self.actor_pass);
+        self.actor.forward(Row::Online, &observations, actor_pass)?;
+        self.batch.set_own_actions(actor_pass.output())?;
+        let (critic, pass) = (&self.critics[0], &self.critic_pass);
+        critic.forward(Row::Online, self.batch.own_inputs(), pass)?;
+        let loss = losses::actor(pass.output())?.to_scalar()?;
+        pass.output_gradient().slice_set(&losses::actor_gradient(pass.output())?, 0, 0)?;
+        critic.deltas(pass)?;
+        critic.input_gradient(pass, self.dims.observation, actor_pass.output_gradient())?;
+        self.actor.deltas(actor_pass)?;
+        self.actor.gradients(&observations, actor_pass)?;
+        Ok(loss)
     }
 
     fn apply(&mut self, found: &Findings) -> Result<(), Error> {
@@ -315,8 +314,6 @@ struct Judged {
     mean_value: f32,
     /// Length of its gradient.
     norm: f32,
-    /// Of the critic that guides the actor.
-    actor_loss: Option<f32>,
     /// y − Q(s, a), if replay is prioritised.
     errors: Vec<f32>,
 }
