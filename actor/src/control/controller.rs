@@ -8,6 +8,7 @@ use super::latency::Latency;
 use super::leg::Body;
 use super::reference::Reference;
 use super::stance::Outlook;
+use super::steering::Steering;
 use super::terrain::Terrain;
 use crate::gait::{Motion, Pair, Planner, Schedule, Swing};
 use crate::mpc::{self, Mpc, Status};
@@ -16,6 +17,9 @@ use crate::sim::Contacts;
 use herd_common::config::{Config, control, task};
 use herd_common::episode::Counts;
 use nalgebra::{Vector2, Vector3};
+
+/// Distance from the centre at which a turn counts as speed, about that of a foot, m.
+const HALT_ARM_M: f64 = 0.15;
 
 /// Nanoseconds since any fixed moment; only differences count, and only for telemetry.
 pub type Timer = fn() -> u64;
@@ -33,6 +37,7 @@ pub struct Controller {
     height: f64,
     torque_max: f64,
     gait: task::Constant,
+    steering: Steering,
     schedule: Schedule,
     duties: [Duty; 4],
     forces: [Vector3<f64>; 4],
@@ -57,6 +62,7 @@ impl Controller {
             height: model.standing_height() + composite.centre.z,
             torque_max: model.torque_max,
             gait: config.task.constant,
+            steering: Steering::default(),
             schedule: first_schedule(tick_secs),
             duties: [Duty::Stands; 4],
             forces: [Vector3::zeros(); 4],
@@ -104,11 +110,30 @@ impl Controller {
         self.forces = [Vector3::zeros(); 4];
         self.reference = None;
         self.terrain = Terrain::level();
+        self.steering = Steering::default();
         self.counts = Counts::default();
+    }
+
+    /// Asks for a velocity to the left (m/s) and a yaw rate (rad/s) beside the gait's forward velocity, until told anew.
+    pub fn steer(&mut self, lateral_mps: f64, yaw_radps: f64) {
+        self.steering = Steering { lateral_mps, yaw_radps, ..self.steering };
+    }
+
+    /// Where the robot is meant to head: all yaw rates asked for since the reset, full turns included, rad.
+    pub fn heading(&self) -> f64 {
+        self.steering.heading
+    }
+
+    /// Where the robot is meant to be, world, m; nowhere before the first tick.
+    pub fn place(&self) -> Option<Vector2<f64>> {
+        self.reference.map(|reference| reference.position())
     }
 
     /// Begins a swing with this gait; returns how many ticks it lasts.
     pub fn begin(&mut self, gait: &task::Constant, body: &Body<'_>) -> u32 {
+        if self.may_halt(gait, body) {
+            return self.halt(gait, body);
+        }
         self.schedule = Schedule::new(self.next_pair(), gait.step_secs, self.tick_secs);
         // A leg can carry the trunk no faster than its longest stride allows.
         let speed_max = self.config.gait.stride_max_m / self.schedule.duration_secs();
@@ -122,6 +147,25 @@ impl Controller {
                 self.counts.late_contacts += 1;
             }
         }
+        self.ticks_to_solve = 0;
+        self.schedule.duration_ticks()
+    }
+
+    /// True when nothing but standing is asked for and the robot is slow enough to stop on the feet that it has.
+    fn may_halt(&self, gait: &task::Constant, body: &Body<'_>) -> bool {
+        let (speed, turn) = (body.centre_velocity().xy().norm(), body.state.angular_velocity.z.abs());
+        let slow = speed < self.config.gait.halt_mps && turn * HALT_ARM_M < self.config.gait.halt_mps;
+        gait.velocity_mps == 0.0 && self.steering.is_straight() && slow
+    }
+
+    /// Stands on all legs for the time of a swing, in the middle of the feet as they are when it stops.
+    fn halt(&mut self, gait: &task::Constant, body: &Body<'_>) -> u32 {
+        if !self.schedule.is_halted() {
+            let middle = Leg::ALL.into_iter().map(|leg| body.foot(leg).xy()).sum::<Vector2<f64>>() / 4.0;
+            self.reference = Some(Reference::new(middle));
+        }
+        self.schedule = self.schedule.halt(gait.step_secs);
+        self.gait = *gait;
         self.ticks_to_solve = 0;
         self.schedule.duration_ticks()
     }
@@ -148,7 +192,8 @@ impl Controller {
         Motion {
             position: body.centre().xy(),
             velocity: body.centre_velocity().xy(),
-            wanted: Vector2::new(self.gait.velocity_mps, 0.0),
+            wanted: self.steering.world(self.gait.velocity_mps),
+            turn: self.steering.yaw_radps,
             yaw: body.state.angles().z,
             yaw_rate: body.state.angular_velocity.z,
         }
@@ -178,6 +223,7 @@ impl Controller {
             stride: self.gait.stride_m,
             target: motion.wanted + lead * self.config.gait.position_gain,
             acceleration: self.config.gait.acceleration_mps2,
+            heading: self.steering.heading,
             height: self.height,
             terrain: &self.terrain,
         };
@@ -216,6 +262,7 @@ impl Controller {
         let here = motion.position;
         let bound = self.config.gait.position_clamp_m;
         self.reference.get_or_insert(Reference::new(here)).advance(&motion.wanted, self.tick_secs, &here, bound);
+        self.steering.advance(self.tick_secs);
         self.schedule.tick();
         for duty in &mut self.duties {
             if let Duty::Flies { ticks, .. } = duty {
