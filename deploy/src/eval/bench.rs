@@ -47,7 +47,7 @@ fn episode(case: &Case, env: &mut Env, seed: Seed) -> Episode {
     #[expect(clippy::disallowed_methods, reason = "measures speed; no other figure depends on it")]
     let start = Instant::now();
     let outcome = run_episode(env, seed, &mut act, &mut |_| {});
-    Episode { outcome, wall_secs: start.elapsed().as_secs_f64() }
+    Episode { outcome, following: env.following(), wall_secs: start.elapsed().as_secs_f64() }
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! Figures of episodes: each one, and means over those of a case.
 
 use super::cases::Case;
+use super::commands;
+use herd_actor::env::Following;
 use herd_common::config::task::Constant;
 use herd_common::episode::{Ending, Outcome};
 use serde::Serialize;
@@ -12,6 +14,9 @@ pub(crate) struct Episode {
     /// Its summary.
     #[serde(flatten)]
     pub(crate) outcome: Outcome,
+    /// How well it followed its commands, in the command task.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) following: Option<Following>,
     /// Wall time, s.
     pub(crate) wall_secs: f64,
 }
@@ -51,6 +56,9 @@ pub(crate) struct Mean {
     pub(crate) speed_mps: f64,
     /// Mean over episodes of |speed − command| / |command|, for a gait with a command.
     pub(crate) speed_error: Option<f64>,
+    /// How well the robot followed its commands, in the command task.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) following: Option<Following>,
     /// rad²
     pub(crate) roll_variance: f64,
     /// rad²
@@ -96,6 +104,7 @@ impl Mean {
             seconds: mean(&|o| o.seconds),
             speed_mps: mean(&Outcome::mean_speed),
             speed_error: command.map(|v| mean(&|o| (o.mean_speed() - v).abs() / v.abs())),
+            following: commands::mean(&episodes.iter().filter_map(|e| e.following).collect::<Vec<_>>()),
             roll_variance: mean(&|o| o.roll_variance),
             pitch_variance: mean(&|o| o.pitch_variance),
             fall_rate: mean(&|o| f64::from(u8::from(o.ending != Ending::TimedOut))),
@@ -118,7 +127,7 @@ mod tests {
         let (roll_variance, pitch_variance) = (1e-4, 2e-4);
         let (seconds, decisions) = (10.0, 50);
         let outcome = Outcome { ending, decisions, seconds, reward, distance_m, roll_variance, pitch_variance, counts };
-        Episode { outcome, wall_secs: 2.0 }
+        Episode { outcome, following: None, wall_secs: 2.0 }
     }
 
     #[test]
