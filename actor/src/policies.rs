@@ -5,7 +5,7 @@
 use herd_common::caps;
 use herd_common::config::Config;
 use herd_common::policy::Policy;
-use herd_common::spaces::{OBSERVATION_DIM, Task};
+use herd_common::spaces::Task;
 use herd_common::work::Order;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -56,8 +56,10 @@ impl Shelf {
     /// Adds a policy, after a look at whether it fits the task.
     pub(crate) fn add(&mut self, policy: Policy, config: &Config, task_hash: &str) -> Result<(), String> {
         policy.expect_task(task_hash).map_err(|e| e.to_string())?;
-        let (found, expected) =
-            ((policy.observation_dim(), policy.action_dim()), (OBSERVATION_DIM, config.task.kind.action_dim()));
+        let (found, expected) = (
+            (policy.observation_dim(), policy.action_dim()),
+            (config.task.kind.observation_dim(), config.task.kind.action_dim()),
+        );
         if found != expected {
             return Err(format!("policy takes and gives {found:?} numbers, expected {expected:?}"));
         }
@@ -118,5 +120,9 @@ mod tests {
         let torque = config.overridden(&["task.kind=torque".into()]).expect("valid");
         let error = shelf.add(policy(&config, 1), &torque, &config.task_hash()).expect_err("refused");
         assert!(error.contains("(56, 4) numbers, expected (56, 12)"), "{error}");
+        let command = config.overridden(&["task.kind=command".into()]).expect("valid");
+        let error = shelf.add(policy(&config, 1), &command, &config.task_hash()).expect_err("refused");
+        assert!(error.contains("(56, 4) numbers, expected (59, 4)"), "{error}");
+        shelf.add(policy(&command, 1), &command, &command.task_hash()).expect("fits");
     }
 }

@@ -94,6 +94,7 @@ pub fn run_constant(config: &Config, gait: &task::Constant, seed: Seed) -> (Outc
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::env::Following;
 
     /// A gait whose stride fits its speed.
     fn gait(velocity_mps: f64) -> task::Constant {
@@ -112,6 +113,56 @@ mod tests {
             assert!(outcome.roll_variance < 2e-4 && outcome.pitch_variance < 1e-3, "{outcome:?}");
             assert!(outcome.counts.qp_failures == 0 && outcome.counts.saturated_torques == 0, "{:?}", outcome.counts);
         }
+    }
+
+    /// The episode of a robot that is told this by a policy that corrects nothing, and how well it followed.
+    fn told(command: [f64; 3], sets: &[&str]) -> (Outcome, Following) {
+        let [forward, lateral, yaw] = command;
+        let mut all = vec![
+            "task.kind=command".to_owned(),
+            format!("task.command.forward_mps=[{forward:?}, {forward:?}]"),
+            format!("task.command.lateral_mps=[{lateral:?}, {lateral:?}]"),
+            format!("task.command.yaw_radps=[{yaw:?}, {yaw:?}]"),
+            "task.command.standing=0".to_owned(),
+        ];
+        all.extend(sets.iter().map(|set| (*set).to_owned()));
+        let mut env = Env::new(&Config::load(None, &all).expect("valid"));
+        let outcome = run_episode(&mut env, Seed::from_number(1), &mut |_| vec![0.0; 4], &mut |_| {});
+        (outcome, env.following().expect("it ran for more than a second"))
+    }
+
+    #[test]
+    fn the_controller_follows_commands_for_ten_seconds() {
+        let commands = [
+            [0.4, 0.1, 0.3],
+            [0.4, -0.1, -0.3],
+            [-0.3, 0.1, 0.3],
+            [0.0, 0.2, 0.0],
+            [0.0, -0.2, 0.0],
+            [0.0, 0.0, 0.5],
+            [0.0, 0.0, -0.5],
+            [0.8, 0.0, 0.5],
+        ];
+        for command in commands {
+            let (outcome, Following { found, .. }) = told(command, &[]);
+            assert_eq!(outcome.ending, Ending::TimedOut, "{command:?}: {outcome:?}");
+            let found = [found.forward_mps, found.lateral_mps, found.yaw_radps];
+            let off = (0..3).map(|i| (found[i] - command[i]).abs()).fold(0.0, f64::max);
+            assert!(off < 0.03, "told {command:?}, did {found:?}: m/s, rad/s");
+        }
+    }
+
+    #[test]
+    fn a_robot_told_to_stand_stands() {
+        let (outcome, followed) = told([0.0; 3], &["task.episode_secs=4"]);
+        assert_eq!(outcome.ending, Ending::TimedOut);
+        assert!(followed.velocity_error < 5e-3 && followed.turn_error < 5e-3, "{followed:?}");
+        assert_eq!((outcome.counts.early_contacts, outcome.counts.late_contacts), (0, 0), "it took no step");
+        let pushed = ["task.episode_secs=6", "scenario.push_ns=[5, 5]", "scenario.push_every_secs=[2, 2]"];
+        let (outcome, followed) = told([0.0; 3], &pushed);
+        assert_eq!(outcome.ending, Ending::TimedOut, "{outcome:?}");
+        assert!(outcome.counts.early_contacts > 0, "it steps to stay up");
+        assert!(followed.found.forward_mps.abs() < 0.1, "{followed:?}");
     }
 
     #[test]
@@ -145,7 +196,7 @@ mod tests {
     fn transitions_are_whole_and_chained() {
         let config = Config::load(None, &["task.episode_secs=2".to_owned()]).expect("valid");
         let mut env = Env::new(&config);
-        let mut batch = herd_common::transition::Batch::new(4);
+        let mut batch = herd_common::transition::Batch::new(Task::Gait.dims());
         let outcome = run_episode(&mut env, Seed::from_number(2), &mut |o| vec![o[0], -1.0, 0.5, 2.0], &mut |t| {
             batch.push(Transition { action: &t.action.iter().map(|x| x.clamp(-1.0, 1.0)).collect::<Vec<_>>(), ..t });
         });

@@ -52,7 +52,7 @@ impl Robot for Simulated {
             explorer.apply(&mut action);
             action
         };
-        let mut piece = Batch::new(dim);
+        let mut piece = Batch::new(self.task.dims());
         // An evaluation is not stored; its empty pieces still ask whether to go on.
         let stored = matches!(order.work, Work::Episode(_));
         let mut sink = |transition: Transition<'_>| {
@@ -60,7 +60,8 @@ impl Robot for Simulated {
                 piece.push(transition);
             }
             let full = piece.len() >= PIECE;
-            emit(if full { std::mem::replace(&mut piece, Batch::new(dim)) } else { Batch::new(dim) })
+            let empty = Batch::new(self.task.dims());
+            emit(if full { std::mem::replace(&mut piece, empty) } else { empty })
         };
         let outcome = run_until(&mut self.env, order.seed, &mut act, &mut sink)?;
         if emit(piece).is_break() {
@@ -95,7 +96,7 @@ mod tests {
 
     fn run(config: &Config, order: &Order, policy: Option<&Policy>) -> (Batch, Outcome) {
         let mut robot = factory()(0, config, Arc::default());
-        let mut all = Batch::new(config.task.kind.action_dim());
+        let mut all = Batch::new(config.task.kind.dims());
         let mut emit = |piece: Batch| {
             all.append(&piece);
             ControlFlow::Continue(())

@@ -9,7 +9,6 @@ use crate::mpc::{State, Step};
 use herd_common::config::Config;
 use herd_common::policy::{Layer, Policy, Provenance};
 use herd_common::seed::Seed;
-use herd_common::spaces::OBSERVATION_DIM;
 use nalgebra::Vector3;
 use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
@@ -39,7 +38,7 @@ pub fn erratic_policy(config: &Config, seed: Seed) -> Policy {
         let mut numbers = |count: usize| (0..count).map(|_| rng.random_range(-bound..=bound)).collect();
         Layer { inputs, outputs, weights: numbers(inputs * outputs), biases: numbers(outputs) }
     };
-    let layers = vec![layer(OBSERVATION_DIM, 64), layer(64, config.task.kind.action_dim())];
+    let layers = vec![layer(config.task.kind.observation_dim(), 64), layer(64, config.task.kind.action_dim())];
     let provenance = Provenance { version: 0, run: "trial".into(), task_hash: config.task_hash() };
     Policy::new(provenance, layers).expect("the shapes fit")
 }

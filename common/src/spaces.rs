@@ -1,10 +1,13 @@
 //! The observation and action spaces as tables: index, meaning, unit, scale.
 //!
-//! An observation is 56 numbers (paper §3.2), each divided by its scale and clipped to [−1, 1]. An action is a point
-//! of [−1, 1]ⁿ that the task maps onto its ranges: 4 gait parameters or 12 joint torques.
+//! An observation is 56 numbers (paper §3.2), each divided by its scale and clipped to [−1, 1]; the command task shows
+//! its command behind them. An action is a point of [−1, 1]ⁿ that the task maps onto its ranges: 4 gait parameters or
+//! 12 joint torques.
 
-/// Length of an observation.
+/// Length of an observation of the paper's tasks.
 pub const OBSERVATION_DIM: usize = 56;
+/// Length of the longest observation of any task.
+pub const OBSERVATION_DIM_MAX: usize = OBSERVATION_DIM + COMMAND.len;
 /// Parameters of the gait task: `v_x`, S, H, Δt.
 pub const GAIT_ACTION_DIM: usize = 4;
 /// Torques of the torque task, in leg order FL, FR, RL, RR, each hip roll, hip pitch, knee.
@@ -52,7 +55,11 @@ pub const NORMAL_FORCE: Block = block(48, 4, "normal ground force, FL FR RL RR",
 /// Friction forces.
 pub const FRICTION_FORCE: Block = block(52, 4, "friction force magnitude, FL FR RL RR", "N", 100.0);
 
-/// The whole observation, in index order.
+/// What is asked of the robot; behind the paper's numbers, in the command task alone.
+pub const COMMAND: Block =
+    block(56, 3, "commanded velocity forwards, to the left; yaw rate (heading frame)", "m/s, m/s, rad/s", 1.5);
+
+/// The paper's observation, in index order.
 pub const OBSERVATION: [Block; 10] = [
     VELOCITY,
     QUATERNION,
@@ -66,6 +73,15 @@ pub const OBSERVATION: [Block; 10] = [
     FRICTION_FORCE,
 ];
 
+/// Lengths of a task's spaces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Dims {
+    /// Numbers in an observation.
+    pub observation: usize,
+    /// Numbers in an action.
+    pub action: usize,
+}
+
 /// What the policy controls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -76,15 +92,38 @@ pub enum Task {
     Torque,
     /// No learning: the MPC with fixed gait parameters.
     Constant,
+    /// Beyond the paper: the gait task for a robot that is told forward, lateral and yaw velocity.
+    Command,
 }
 
 impl Task {
+    /// Every task.
+    pub const ALL: [Self; 4] = [Self::Gait, Self::Torque, Self::Constant, Self::Command];
+
     /// Length of an action; for `Constant` that of the gait action it repeats.
-    pub fn action_dim(self) -> usize {
+    pub const fn action_dim(self) -> usize {
         match self {
-            Self::Gait | Self::Constant => GAIT_ACTION_DIM,
+            Self::Gait | Self::Constant | Self::Command => GAIT_ACTION_DIM,
             Self::Torque => TORQUE_ACTION_DIM,
         }
+    }
+
+    /// Length of an observation.
+    pub const fn observation_dim(self) -> usize {
+        match self {
+            Self::Gait | Self::Torque | Self::Constant => OBSERVATION_DIM,
+            Self::Command => OBSERVATION_DIM_MAX,
+        }
+    }
+
+    /// Lengths of both spaces.
+    pub const fn dims(self) -> Dims {
+        Dims { observation: self.observation_dim(), action: self.action_dim() }
+    }
+
+    /// The blocks of an observation, in index order.
+    pub fn observation(self) -> impl Iterator<Item = Block> {
+        OBSERVATION.into_iter().chain((self == Self::Command).then_some(COMMAND))
     }
 
     /// The name as written in the configuration.
@@ -93,6 +132,7 @@ impl Task {
             Self::Gait => "gait",
             Self::Torque => "torque",
             Self::Constant => "constant",
+            Self::Command => "command",
         }
     }
 }
@@ -103,11 +143,13 @@ mod tests {
 
     #[test]
     fn blocks_tile_the_observation() {
-        let end = OBSERVATION.iter().fold(0, |next, block| {
-            assert_eq!(block.start, next, "{}", block.meaning);
-            assert!(block.scale > 0.0);
-            block.start + block.len
-        });
-        assert_eq!(end, OBSERVATION_DIM);
+        for task in Task::ALL {
+            let end = task.observation().fold(0, |next, block| {
+                assert_eq!(block.start, next, "{}", block.meaning);
+                assert!(block.scale > 0.0);
+                block.start + block.len
+            });
+            assert_eq!(end, task.observation_dim(), "{}", task.name());
+        }
     }
 }

@@ -2,17 +2,17 @@
 //!
 //! | column | shape | unit |
 //! |---|---|---|
-//! | observations, next_observations | `[n, 56]` | scaled, [−1, 1] |
+//! | observations, next_observations | `[n, observation_dim]` | scaled, [−1, 1] |
 //! | actions | `[n, action_dim]` | scaled, [−1, 1] |
 //! | rewards | `[n]` | – (eq 10, summed over the decision) |
 //! | discounts | `[n]` | factor on the next value: 0 after a true ending, never 0 after a time limit |
 
-use crate::spaces::OBSERVATION_DIM;
+use crate::spaces::Dims;
 
 /// One decision, seen from outside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transition<'a> {
-    /// What the policy saw, `[56]`.
+    /// What the policy saw, `[observation_dim]`.
     pub observation: &'a [f32],
     /// What it did, `[action_dim]`.
     pub action: &'a [f32],
@@ -20,16 +20,18 @@ pub struct Transition<'a> {
     pub reward: f32,
     /// Factor on the value of `next_observation`.
     pub discount: f32,
-    /// What it saw next, `[56]`.
+    /// What it saw next, `[observation_dim]`.
     pub next_observation: &'a [f32],
 }
 
 /// Transitions as columns.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Batch {
+    /// Length of one observation.
+    pub observation_dim: usize,
     /// Length of one action.
     pub action_dim: usize,
-    /// `[n, 56]`
+    /// `[n, observation_dim]`
     pub observations: Vec<f32>,
     /// `[n, action_dim]`
     pub actions: Vec<f32>,
@@ -37,7 +39,7 @@ pub struct Batch {
     pub rewards: Vec<f32>,
     /// `[n]`
     pub discounts: Vec<f32>,
-    /// `[n, 56]`
+    /// `[n, observation_dim]`
     pub next_observations: Vec<f32>,
 }
 
@@ -73,9 +75,14 @@ pub enum Error {
 }
 
 impl Batch {
-    /// An empty batch for actions of this length.
-    pub fn new(action_dim: usize) -> Self {
-        Self { action_dim, ..Self::default() }
+    /// An empty batch for spaces of these lengths.
+    pub fn new(dims: Dims) -> Self {
+        Self { observation_dim: dims.observation, action_dim: dims.action, ..Self::default() }
+    }
+
+    /// Lengths of an observation and an action.
+    pub fn dims(&self) -> Dims {
+        Dims { observation: self.observation_dim, action: self.action_dim }
     }
 
     /// Transitions held.
@@ -90,9 +97,9 @@ impl Batch {
 
     /// Appends one transition; lengths are the caller's promise and asserted.
     pub fn push(&mut self, transition: Transition<'_>) {
-        assert_eq!(transition.observation.len(), OBSERVATION_DIM);
+        assert_eq!(transition.observation.len(), self.observation_dim);
         assert_eq!(transition.action.len(), self.action_dim);
-        assert_eq!(transition.next_observation.len(), OBSERVATION_DIM);
+        assert_eq!(transition.next_observation.len(), self.observation_dim);
         self.observations.extend_from_slice(transition.observation);
         self.actions.extend_from_slice(transition.action);
         self.rewards.push(transition.reward);
@@ -100,9 +107,9 @@ impl Batch {
         self.next_observations.extend_from_slice(transition.next_observation);
     }
 
-    /// Appends all of `other`, which must have the same action length.
+    /// Appends all of `other`, whose spaces must have the same lengths.
     pub fn append(&mut self, other: &Self) {
-        assert_eq!(self.action_dim, other.action_dim);
+        assert_eq!(self.dims(), other.dims());
         self.observations.extend_from_slice(&other.observations);
         self.actions.extend_from_slice(&other.actions);
         self.rewards.extend_from_slice(&other.rewards);
@@ -112,7 +119,7 @@ impl Batch {
 
     /// Transition `i`.
     pub fn get(&self, i: usize) -> Transition<'_> {
-        let observation = i * OBSERVATION_DIM..(i + 1) * OBSERVATION_DIM;
+        let observation = i * self.observation_dim..(i + 1) * self.observation_dim;
         Transition {
             observation: &self.observations[observation.clone()],
             action: &self.actions[i * self.action_dim..(i + 1) * self.action_dim],
@@ -125,11 +132,11 @@ impl Batch {
     /// Checks shapes and values; nothing unchecked may enter journal or replay.
     pub fn validate(&self) -> Result<(), Error> {
         let n = self.len();
-        check_column("observation", &self.observations, n, OBSERVATION_DIM, UNIT)?;
+        check_column("observation", &self.observations, n, self.observation_dim, UNIT)?;
         check_column("action", &self.actions, n, self.action_dim, UNIT)?;
         check_column("reward", &self.rewards, n, 1, FINITE)?;
         check_column("discount", &self.discounts, n, 1, FRACTION)?;
-        check_column("next_observation", &self.next_observations, n, OBSERVATION_DIM, UNIT)
+        check_column("next_observation", &self.next_observations, n, self.observation_dim, UNIT)
     }
 }
 
@@ -159,9 +166,10 @@ fn check_column(column: &'static str, numbers: &[f32], count: usize, width: usiz
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::spaces::{OBSERVATION_DIM, Task};
 
     fn batch(n: usize) -> Batch {
-        let mut batch = Batch::new(4);
+        let mut batch = Batch::new(Task::Gait.dims());
         for i in 0..n {
             let value = i as f32 / 100.0;
             batch.push(Transition {

@@ -4,7 +4,7 @@ use crate::args::ConfigArgs;
 use crate::{out, table};
 use herd_common::config::{Config, DEFAULT};
 use herd_common::hash::short;
-use herd_common::spaces::OBSERVATION;
+use herd_common::spaces::Task;
 use std::path::PathBuf;
 
 /// Print the commented default configuration, or with options the one that they make.
@@ -14,7 +14,7 @@ Examples:
   herd config > my.toml                          a file to edit and give to --config; it may keep only what differs
   herd config --set ddpg.batch_size=128          what a run with this option would use
   herd config --run-dir runs/first               what a run uses
-  herd config --observation                      what the policy sees, number by number")]
+  herd config --observation                      what the policy sees, number by number; of another task with --set")]
 pub(crate) struct Args {
     /// Start from the configuration of this run.
     #[arg(long, value_name = "DIR")]
@@ -32,7 +32,7 @@ pub(crate) struct Args {
 /// `herd config`
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if args.observation {
-        return out::print(&observation());
+        return out::print(&observation(args.config.load(args.run_dir.as_deref())?.task.kind));
     }
     if args.run_dir.is_none() && args.config.is_empty() && !args.json {
         return out::print(DEFAULT);
@@ -49,9 +49,9 @@ fn effective(config: &Config) -> String {
     format!("# run {}, task {}\n{}", short(&run), short(&task), config.to_toml())
 }
 
-fn observation() -> String {
+fn observation(task: Task) -> String {
     let head = ["index", "meaning", "unit", "scale"].map(str::to_owned).to_vec();
-    let rows = OBSERVATION.iter().map(|block| {
+    let rows = task.observation().map(|block| {
         let last = block.start + block.len - 1;
         let index = if block.len == 1 { block.start.to_string() } else { format!("{}–{last}", block.start) };
         vec![index, block.meaning.to_owned(), block.unit.to_owned(), block.scale.to_string()]
@@ -71,7 +71,9 @@ mod tests {
 
     #[test]
     fn the_table_ends_at_the_last_number() {
-        let table = observation();
-        assert!(table.lines().last().expect("rows").starts_with("52–55"), "{table}");
+        for (task, last) in [(Task::Gait, "52–55"), (Task::Command, "56–58")] {
+            let table = observation(task);
+            assert!(table.lines().last().expect("rows").starts_with(last), "{table}");
+        }
     }
 }

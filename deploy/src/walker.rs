@@ -20,7 +20,7 @@ pub(crate) struct WalkerArgs {
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
     /// Task: short for --set task.kind=KIND; `constant` needs no policy.
-    #[arg(long, value_name = "KIND", value_parser = ["gait", "torque", "constant"])]
+    #[arg(long, value_name = "KIND", value_parser = ["gait", "torque", "constant", "command"])]
     task: Option<String>,
     /// Number of the episode, counted as `herd eval` counts them.
     #[arg(long, value_name = "N", default_value_t = 0)]

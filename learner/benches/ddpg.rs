@@ -3,9 +3,9 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use herd_common::config::Config;
 use herd_common::seed::Seed;
-use herd_common::spaces::{GAIT_ACTION_DIM, OBSERVATION_DIM};
+use herd_common::spaces::{Dims, GAIT_ACTION_DIM, OBSERVATION_DIM};
 use herd_common::transition::Batch;
-use herd_learner::ddpg::{Ddpg, Dims};
+use herd_learner::ddpg::Ddpg;
 use herd_learner::replay::Replay;
 use rand::RngExt;
 
@@ -17,6 +17,7 @@ fn replay(transitions: usize) -> Replay {
     let mut rng = Seed::from_number(1).rng();
     let mut column = |width: usize| (0..transitions * width).map(|_| rng.random_range(-1.0_f32..1.0)).collect();
     let batch = Batch {
+        observation_dim: OBSERVATION_DIM,
         action_dim: GAIT_ACTION_DIM,
         observations: column(OBSERVATION_DIM),
         actions: column(GAIT_ACTION_DIM),

@@ -2,9 +2,9 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use herd_common::seed::Seed;
-use herd_common::spaces::{GAIT_ACTION_DIM, OBSERVATION_DIM};
+use herd_common::spaces::{Dims, GAIT_ACTION_DIM, OBSERVATION_DIM};
 use herd_common::transition::Batch;
-use herd_learner::ddpg::{Batch as Minibatch, Dims};
+use herd_learner::ddpg::Batch as Minibatch;
 use herd_learner::replay::Replay;
 
 /// Transitions of one push.
@@ -15,6 +15,7 @@ const LARGE: usize = 10_000_000;
 
 fn batch() -> Batch {
     Batch {
+        observation_dim: OBSERVATION_DIM,
         action_dim: GAIT_ACTION_DIM,
         observations: vec![0.5; PUSH * OBSERVATION_DIM],
         actions: vec![0.5; PUSH * GAIT_ACTION_DIM],

@@ -38,12 +38,12 @@ pub fn fold(episode: &Batch, n: usize) -> Cow<'_, Batch> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use herd_common::spaces::OBSERVATION_DIM;
+    use herd_common::spaces::{OBSERVATION_DIM, Task};
     use herd_common::transition::Transition;
 
     /// Decisions numbered from 1, each worth its number.
     fn episode(discounts: &[f32]) -> Batch {
-        let mut batch = Batch::new(4);
+        let mut batch = Batch::new(Task::Gait.dims());
         for (i, discount) in discounts.iter().enumerate() {
             let number = (i + 1) as f32;
             batch.push(Transition {
@@ -86,6 +86,6 @@ mod tests {
 
     #[test]
     fn an_empty_episode_stays_empty() {
-        assert!(fold(&Batch::new(4), 3).is_empty());
+        assert!(fold(&Batch::new(Task::Gait.dims()), 3).is_empty());
     }
 }

@@ -156,6 +156,7 @@ mod tests {
         let ids: Vec<f32> = (first..first + n).map(|i| i as f32).collect();
         let column = |width: usize, offset: f32| ids.iter().flat_map(|i| vec![i + offset; width]).collect();
         transition::Batch {
+            observation_dim: 3,
             action_dim: 2,
             observations: column(3, 0.0),
             actions: column(2, 0.125),

@@ -1,6 +1,6 @@
 //! A learner from start to end: open the run, listen, train, serve, leave everything tidy.
 
-use crate::ddpg::{self, Ddpg, Dims};
+use crate::ddpg::{self, Ddpg};
 use crate::export;
 use crate::history::epoch::{self, Epoch};
 use crate::run_dir::{self, RunDir, write_whole};
@@ -12,7 +12,6 @@ use crate::trainer::{self, Trainer};
 use herd_common::config::Config;
 use herd_common::policy::{Policy, Provenance};
 use herd_common::seed::Seed;
-use herd_common::spaces::OBSERVATION_DIM;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -177,8 +176,7 @@ pub fn untrained_policy(config: &Config) -> Result<Policy, Error> {
 
 /// The learner that a run with this configuration starts from.
 pub(crate) fn new_ddpg(config: &Config) -> Result<Ddpg, ddpg::Error> {
-    let dims = Dims { observation: OBSERVATION_DIM, action: config.task.kind.action_dim() };
-    Ddpg::new(&config.ddpg, dims, Seed::from_number(config.seed).child("learner", 0))
+    Ddpg::new(&config.ddpg, config.task.kind.dims(), Seed::from_number(config.seed).child("learner", 0))
 }
 
 /// The `address` file: there while a learner listens.

@@ -39,12 +39,12 @@ impl Packed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use herd_common::spaces::OBSERVATION_DIM;
+    use herd_common::spaces::{OBSERVATION_DIM, Task};
     use herd_common::transition::Transition;
 
     #[test]
     fn it_is_the_message_of_its_batch_with_the_rewards_given() {
-        let mut batch = Batch::new(4);
+        let mut batch = Batch::new(Task::Gait.dims());
         let (observation, next_observation) = (&[0.5; OBSERVATION_DIM], &[0.25; OBSERVATION_DIM]);
         for reward in [1.0, 2.0] {
             batch.push(Transition { observation, action: &[0.1; 4], reward, discount: 0.9, next_observation });

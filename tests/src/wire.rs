@@ -1,6 +1,6 @@
 //! An actor written from the .proto file alone, that says whatever a test wants it to say.
 
-use herd_common::spaces::{GAIT_ACTION_DIM, OBSERVATION_DIM};
+use herd_common::spaces::{GAIT_ACTION_DIM, OBSERVATION_DIM, Task};
 use herd_common::transition::{Batch, Transition};
 use herd_proto::client::Client;
 use herd_proto::v1::{self, actor_message::Message as Said, learner_message::Message as Heard};
@@ -37,7 +37,7 @@ pub fn hello() -> v1::Hello {
 /// `count` valid transitions of a lease, starting at `first`.
 pub fn piece(lease: &v1::Lease, first: u64, count: usize) -> v1::Transitions {
     let work = convert::work_from_wire(lease.work.as_ref()).expect("a lease names its work");
-    let mut batch = Batch::new(GAIT_ACTION_DIM);
+    let mut batch = Batch::new(Task::Gait.dims());
     for index in 0..count {
         let value = (first as f32 + index as f32) / 1000.0;
         batch.push(Transition {

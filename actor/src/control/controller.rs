@@ -13,6 +13,7 @@ use super::latency::Latency;
 use super::leg::Body;
 use super::reference::Reference;
 use super::stance::Outlook;
+use super::steering::Steering;
 use super::terrain::Terrain;
 use crate::gait::{Motion, Pair, Planner, Schedule, Swing};
 use crate::mpc::{self, Mpc, Status};
@@ -21,6 +22,9 @@ use crate::sim::Contacts;
 use herd_common::config::{Config, control, task};
 use herd_common::episode::Counts;
 use nalgebra::{Vector2, Vector3};
+
+/// Distance from the centre at which a turn counts as speed, about that of a foot, m.
+const HALT_ARM_M: f64 = 0.15;
 
 /// Nanoseconds since any fixed moment; only differences count, and only for telemetry.
 pub type Timer = fn() -> u64;
@@ -43,6 +47,7 @@ pub struct Controller {
     gait: task::Constant,
     /// v*: the speed asked for, as far as bounded acceleration has come, m/s.
     pace: f64,
+    steering: Steering,
     schedule: Schedule,
     duties: [Duty; 4],
     forces: [Vector3<f64>; 4],
@@ -69,6 +74,7 @@ impl Controller {
             torque_max: model.torque_max,
             gait: config.task.constant,
             pace: 0.0,
+            steering: Steering::default(),
             schedule: first_schedule(tick_secs),
             duties: [Duty::Stands; 4],
             forces: [Vector3::zeros(); 4],
@@ -117,11 +123,30 @@ impl Controller {
         self.pace = 0.0;
         self.reference = None;
         self.terrain = Terrain::level();
+        self.steering = Steering::default();
         self.counts = Counts::default();
+    }
+
+    /// Asks for a velocity to the left (m/s) and a yaw rate (rad/s) beside the gait's forward velocity, until told anew.
+    pub fn steer(&mut self, lateral_mps: f64, yaw_radps: f64) {
+        self.steering = Steering { lateral_mps, yaw_radps, ..self.steering };
+    }
+
+    /// Where the robot is meant to head: all yaw rates asked for since the reset, full turns included, rad.
+    pub fn heading(&self) -> f64 {
+        self.steering.heading
+    }
+
+    /// Where the robot is meant to be, world, m; nowhere before the first tick.
+    pub fn place(&self) -> Option<Vector2<f64>> {
+        self.reference.map(|reference| reference.position())
     }
 
     /// Begins a swing with this gait; returns how many ticks it lasts.
     pub fn begin(&mut self, gait: &task::Constant, body: &Body<'_>) -> u32 {
+        if self.may_halt(gait, body) {
+            return self.halt(gait, body);
+        }
         // A leg reaches no further than its longest stride: a fast robot steps sooner than it was asked to.
         let speed = body.centre_velocity().xy().norm().max(self.pace.abs());
         let step_secs = gait.step_secs.min(self.config.gait.stride_max_m / speed.max(1e-3));
@@ -142,6 +167,26 @@ impl Controller {
                 self.counts.late_contacts += 1;
             }
         }
+        self.ticks_to_solve = 0;
+        self.schedule.duration_ticks()
+    }
+
+    /// True when nothing but standing is asked for and the robot is slow enough to stop on the feet that it has.
+    fn may_halt(&self, gait: &task::Constant, body: &Body<'_>) -> bool {
+        let (speed, turn) = (body.centre_velocity().xy().norm(), body.state.angular_velocity.z.abs());
+        let slow = speed < self.config.gait.halt_mps && turn * HALT_ARM_M < self.config.gait.halt_mps;
+        gait.velocity_mps == 0.0 && self.steering.is_straight() && slow
+    }
+
+    /// Stands on all legs for the time of a swing, in the middle of the feet as they are when it stops.
+    fn halt(&mut self, gait: &task::Constant, body: &Body<'_>) -> u32 {
+        if !self.schedule.is_halted() {
+            let middle = Leg::ALL.into_iter().map(|leg| body.foot(leg).xy()).sum::<Vector2<f64>>() / 4.0;
+            self.reference = Some(Reference::new(middle));
+        }
+        self.schedule = self.schedule.halt(gait.step_secs);
+        self.gait = *gait;
+        self.pace = 0.0;
         self.ticks_to_solve = 0;
         self.schedule.duration_ticks()
     }
@@ -168,7 +213,8 @@ impl Controller {
         Motion {
             position: body.centre().xy(),
             velocity: body.centre_velocity().xy(),
-            wanted: Vector2::new(self.pace, 0.0),
+            wanted: self.steering.world(self.pace),
+            turn: self.steering.yaw_radps,
             yaw: body.state.angles().z,
             yaw_rate: body.state.angular_velocity.z,
         }
@@ -201,6 +247,7 @@ impl Controller {
             stride: self.gait.stride_m,
             target: motion.wanted + lead * self.config.gait.position_gain,
             acceleration: self.config.gait.acceleration_mps2,
+            heading: self.steering.heading,
             height: self.height,
             terrain: &self.terrain,
         };
@@ -241,6 +288,7 @@ impl Controller {
         let here = motion.position;
         let bound = self.config.gait.position_clamp_m;
         self.reference.get_or_insert(Reference::new(here)).advance(&motion.wanted, self.tick_secs, &here, bound);
+        self.steering.advance(self.tick_secs);
         self.schedule.tick();
         for duty in &mut self.duties {
             if let Duty::Flies { ticks, .. } = duty {

@@ -14,7 +14,8 @@ use crate::gait::{Motion, Planner, Schedule};
 use crate::mpc::{State, Step};
 use crate::robot::Leg;
 use herd_common::config::control;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Rotation2, Vector2, Vector3};
+use std::f64::consts::TAU;
 
 /// What the robot expects of the time ahead.
 pub(super) struct Outlook<'a> {
@@ -30,6 +31,8 @@ pub(super) struct Outlook<'a> {
     pub(super) target: Vector2<f64>,
     /// Largest acceleration of the reference along an axis, m/s².
     pub(super) acceleration: f64,
+    /// Where the robot is meant to head, full turns included, rad.
+    pub(super) heading: f64,
     /// Height of the centre of mass over the ground, m.
     pub(super) height: f64,
     /// The ground as the feet feel it.
@@ -64,18 +67,20 @@ impl Outlook<'_> {
     fn reference(&self, ahead: f64) -> State {
         let mut place = self.motion.position;
         let mut velocity = self.motion.velocity;
+        // A robot that turns has its velocity turn with it.
+        let target = Rotation2::new(self.motion.turn * ahead) * self.target;
         for axis in 0..2 {
             let now = velocity[axis];
-            let missing = self.target[axis] - now;
+            let missing = target[axis] - now;
             let ramp_secs = (missing.abs() / self.acceleration).min(ahead);
             velocity[axis] = now + missing.signum() * self.acceleration * ramp_secs;
             place[axis] += f64::midpoint(now, velocity[axis]) * ramp_secs + velocity[axis] * (ahead - ramp_secs);
         }
         let tilt = self.terrain.tilt(self.motion.yaw);
         State {
-            angles: Vector3::new(tilt.x, tilt.y, 0.0),
+            angles: Vector3::new(tilt.x, tilt.y, near(self.heading, self.motion.yaw) + self.motion.turn * ahead),
             position: Vector3::new(place.x, place.y, self.terrain.height(&place) + self.height),
-            angular_velocity: Vector3::zeros(),
+            angular_velocity: Vector3::new(0.0, 0.0, self.motion.turn),
             velocity: Vector3::new(velocity.x, velocity.y, self.terrain.climb(&velocity)),
         }
     }
@@ -100,4 +105,9 @@ impl Outlook<'_> {
         };
         Some(Vector3::new(place.x, place.y, self.terrain.height(&place.xy())))
     }
+}
+
+/// The heading less the full turns that lie between it and the yaw, which is measured within half a turn of zero, rad.
+fn near(heading: f64, yaw: f64) -> f64 {
+    heading - TAU * ((heading - yaw) / TAU).round()
 }

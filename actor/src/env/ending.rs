@@ -1,14 +1,21 @@
 //! When an episode is over: the limits whose breach is a fall, and numbers that are none.
 //!
 //! Height counts from the ground below the trunk. On a slope a trunk stands upright anywhere between level and parallel
-//! to the ground; its pitch counts from there.
+//! to the ground; its pitch counts from there. Yaw counts from the heading that the robot was told to take.
 
 use crate::sim::{Contacts, Ground, RobotState};
 use herd_common::config::task;
 use herd_common::episode::{Ending, Fall};
+use std::f64::consts::TAU;
 
 /// The ending that this state calls for, if any; the time limit is not a matter of state.
-pub(super) fn of(state: &RobotState, contacts: &Contacts, ground: &Ground, limits: &task::Ending) -> Option<Ending> {
+pub(super) fn of(
+    state: &RobotState,
+    contacts: &Contacts,
+    ground: &Ground,
+    heading: f64,
+    limits: &task::Ending,
+) -> Option<Ending> {
     if !state.is_finite() {
         return Some(Ending::Diverged);
     }
@@ -20,13 +27,18 @@ pub(super) fn of(state: &RobotState, contacts: &Contacts, ground: &Ground, limit
     [
         (angles.x.abs() > limits.roll_rad, Fall::Roll),
         (pitch.abs() > limits.pitch_rad, Fall::Pitch),
-        (angles.z.abs() > limits.yaw_rad, Fall::Yaw),
+        (wrapped(angles.z - heading).abs() > limits.yaw_rad, Fall::Yaw),
         (height < limits.height_m, Fall::Height),
         (contacts.trunk, Fall::TrunkContact),
         (contacts.knee, Fall::KneeContact),
     ]
     .into_iter()
     .find_map(|(broken, fall)| broken.then_some(Ending::Fell(fall)))
+}
+
+/// The angle within half a turn of zero, rad.
+fn wrapped(angle: f64) -> f64 {
+    angle - TAU * (angle / TAU).round()
 }
 
 #[cfg(test)]
@@ -57,7 +69,7 @@ mod tests {
             joints: [Vector3::zeros(); 4],
             joint_speeds: [Vector3::zeros(); 4],
         };
-        assert_eq!(of(&state, &contacts, ground, &Config::default().task.ending), expected);
+        assert_eq!(of(&state, &contacts, ground, 0.0, &Config::default().task.ending), expected);
     }
 
     #[test]
@@ -71,6 +83,24 @@ mod tests {
         check([0.0; 3], 0.18, Contacts { trunk: true, ..clear }, Some(Ending::Fell(Fall::TrunkContact)));
         check([0.0; 3], 0.18, Contacts { knee: true, ..clear }, Some(Ending::Fell(Fall::KneeContact)));
         check([0.0; 3], f64::NAN, clear, Some(Ending::Diverged));
+    }
+
+    #[test]
+    fn yaw_counts_from_the_heading_over_any_number_of_turns() {
+        let at = |yaw: f64, heading: f64| {
+            let state = RobotState {
+                position: Vector3::new(0.0, 0.0, 0.18),
+                rotation: UnitQuaternion::from_euler_angles(0.0, 0.0, yaw),
+                velocity: Vector3::zeros(),
+                angular_velocity: Vector3::zeros(),
+                joints: [Vector3::zeros(); 4],
+                joint_speeds: [Vector3::zeros(); 4],
+            };
+            of(&state, &Contacts::default(), &Ground::level(), heading, &Config::default().task.ending)
+        };
+        assert_eq!(at(2.0 * TAU + 2.9, 2.0 * TAU + 3.2), None);
+        assert_eq!(at(2.8, 3.2), Some(Ending::Fell(Fall::Yaw)));
+        assert_eq!(at(0.0, 0.4), Some(Ending::Fell(Fall::Yaw)));
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! an episode is cut at the time limit, which truncates: the value goes on. Every reset builds a fresh world, so an
 //! episode is a function of configuration, seed and actions, whatever was run before.
 
+use super::command::{Commands, Follower, Following, seen_from};
 use super::observation::{Observation, Sense, observe};
 use super::reward::Payer;
 use super::scenario::{Push, Scenario};
@@ -15,6 +16,7 @@ use crate::gait::Pair;
 use crate::robot::{GRAVITY, Model};
 use crate::sim::{self, Contacts, Ground, Plant, RobotState, Spawn};
 use herd_common::config::Config;
+use herd_common::config::command::Command;
 use herd_common::episode::{Ending, Outcome, Reward};
 use herd_common::seed::Seed;
 use herd_common::spaces::Task;
@@ -46,6 +48,10 @@ pub struct Env {
     model: Model,
     controller: Controller,
     payer: Payer,
+    commands: Commands,
+    /// What the robot is told in this decision; nothing but in the command task.
+    command: Option<Command>,
+    follower: Follower,
     scenario: Scenario,
     sensor: Sensor,
     world: Box<dyn Plant>,
@@ -84,6 +90,9 @@ impl Env {
             ticks: 0,
             limit_ticks: (config.task.episode_secs / config.sim.tick_secs).round() as u64,
             summary: Summary::default(),
+            commands: Commands::new(config, seed),
+            command: None,
+            follower: Follower::default(),
             ending: None,
             observer: None,
             sensor: Sensor::new(scenario.noise, seed),
@@ -137,6 +146,9 @@ impl Env {
         self.torques = [Vector3::zeros(); 4];
         self.ticks = 0;
         self.summary = Summary::new(self.state.position.x);
+        self.commands = Commands::new(&self.config, seed);
+        self.command = self.command_now();
+        self.follower = Follower::default();
         self.ending = None;
         self.observation()
     }
@@ -156,7 +168,9 @@ impl Env {
                 self.step_gait(&gait);
             }
             Task::Constant => self.step_gait(&self.config.task.constant.clone()),
+            Task::Command => self.step_command(action),
         }
+        self.command = self.command_now();
         if self.ending.is_none() && self.ticks >= self.limit_ticks {
             self.ending = Some(Ending::TimedOut);
         }
@@ -180,6 +194,11 @@ impl Env {
     /// How well the robot walked so far, if it was asked for `wanted` m/s.
     pub fn figures(&self, wanted: f64) -> Figures {
         self.summary.figures(wanted, (self.model.mass() + self.scenario.site.payload_kg) * GRAVITY)
+    }
+
+    /// How well the robot followed its commands so far, in the command task.
+    pub fn following(&self) -> Option<Following> {
+        self.follower.following()
     }
 
     /// How long the MPC's solver took, over all episodes; empty without a timer.
@@ -224,7 +243,10 @@ impl Env {
 
     /// The terms of eq 10 at this moment, whether or not a sample is due.
     pub fn reward_now(&self) -> Reward {
-        self.payer.sample(&self.state, &self.torques)
+        match &self.command {
+            Some(command) => self.payer.sample_following(&self.state, &self.torques, command),
+            None => self.payer.sample(&self.state, &self.torques),
+        }
     }
 
     /// Pushes the trunk with a world force (N) for this many seconds from now on.
@@ -248,6 +270,19 @@ impl Env {
                 return;
             }
         }
+    }
+
+    fn step_command(&mut self, action: &[f32]) {
+        let command = self.command.unwrap_or_default();
+        let task = &self.config.task;
+        let gait = task.command.gait(checked(action, Task::Command), &command, &task.gait);
+        self.controller.steer(command.lateral_mps, command.yaw_radps);
+        self.step_gait(&gait);
+    }
+
+    /// What the robot is told from now on.
+    fn command_now(&self) -> Option<Command> {
+        (self.config.task.kind == Task::Command).then(|| self.commands.at(self.ticks))
     }
 
     fn step_torque(&mut self, action: &[f32]) {
@@ -284,14 +319,17 @@ impl Env {
         self.ending = if self.world.has_diverged() {
             Some(Ending::Diverged)
         } else {
-            ending::of(&self.state, &self.contacts, self.ground(), &self.config.task.ending)
+            ending::of(&self.state, &self.contacts, self.ground(), self.controller.heading(), &self.config.task.ending)
         };
         if self.ending == Some(Ending::Diverged) {
             return;
         }
         self.summary.tick(&self.state, &self.contacts, &self.torques, self.config.sim.tick_secs);
         if self.payer.is_due(self.ticks) {
-            self.summary.sample(&self.state, self.payer.sample(&self.state, &self.torques));
+            self.summary.sample(&self.state, self.reward_now());
+        }
+        if let Some(command) = &self.command {
+            self.follower.tick(self.ticks as f64 * self.config.sim.tick_secs, &self.state, command);
         }
         if let Some(observer) = &mut self.observer {
             observer(&self.state, &self.contacts, &self.torques);
@@ -304,18 +342,23 @@ impl Env {
 
     fn observation(&self) -> Observation {
         if self.ending == Some(Ending::Diverged) {
-            return [0.0; herd_common::spaces::OBSERVATION_DIM];
+            return Observation::zeros(self.config.task.kind.observation_dim());
         }
         let mirrored = self.config.task.kind != Task::Torque
             && self.config.task.gait.mirror
             && self.controller.next_pair() == Pair::FrontRightRearLeft;
         let mean = |sum: Vector4<f64>| (sum / FORCE_TICKS as f64).into();
+        let on_course = self.command.map(|_| {
+            let place = self.controller.place().unwrap_or(self.sensed.position.xy());
+            seen_from(&self.sensed, &place, self.controller.heading())
+        });
         let sense = Sense {
-            state: &self.sensed,
+            state: on_course.as_ref().unwrap_or(&self.sensed),
             torques: &self.torques,
             ground: self.ground().height(self.state.position.x, self.state.position.y),
             normal: mean(self.forces.iter().map(|(normal, _)| normal).sum()),
             friction: mean(self.forces.iter().map(|(_, friction)| friction).sum()),
+            command: self.command,
         };
         observe(&self.model, &sense, mirrored)
     }

@@ -1,16 +1,38 @@
-//! Writes the 56 numbers that the policy sees: the blocks of `herd_common::spaces`, scaled and clipped to [−1, 1].
+//! Writes the numbers that the policy sees: the blocks of `herd_common::spaces`, scaled and clipped to [−1, 1].
 //!
 //! Mirrored, the observation is that of the same robot seen in a mirror along its xz plane: left and right legs change
 //! places and every sideways quantity (y, roll, yaw, hip roll) its sign. Shown so whenever FR + RL swing next, the pair
-//! about to swing is always FL + RR, and the gait's phase needs no number of its own.
+//! about to swing is always FL + RR, and the gait's phase needs no number of its own. A command is mirrored likewise.
 
 use crate::robot::{Leg, Model};
 use crate::sim::RobotState;
-use herd_common::spaces::{self, Block, OBSERVATION_DIM};
+use herd_common::config::command::Command;
+use herd_common::spaces::{self, Block, OBSERVATION_DIM, OBSERVATION_DIM_MAX};
 use nalgebra::Vector3;
+use std::ops::Deref;
 
-/// What a policy sees.
-pub type Observation = [f32; OBSERVATION_DIM];
+/// What a policy sees: as many numbers as its task shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observation {
+    numbers: [f32; OBSERVATION_DIM_MAX],
+    len: usize,
+}
+
+impl Observation {
+    /// Zeros.
+    pub(super) fn zeros(len: usize) -> Self {
+        assert!(len <= OBSERVATION_DIM_MAX, "an observation has {len} numbers, at most {OBSERVATION_DIM_MAX} fit");
+        Self { numbers: [0.0; OBSERVATION_DIM_MAX], len }
+    }
+}
+
+impl Deref for Observation {
+    type Target = [f32];
+
+    fn deref(&self) -> &[f32] {
+        &self.numbers[..self.len]
+    }
+}
 
 /// What is measured for one observation.
 pub struct Sense<'a> {
@@ -24,6 +46,8 @@ pub struct Sense<'a> {
     pub friction: [f64; 4],
     /// Height of the ground below the trunk, world, m.
     pub ground: f64,
+    /// What is asked of the robot, in the command task.
+    pub command: Option<Command>,
 }
 
 /// The observation, mirrored if asked.
@@ -34,7 +58,8 @@ pub fn observe(model: &Model, sense: &Sense<'_>, mirrored: bool) -> Observation 
     let q = state.rotation.quaternion();
     // A rotation and its negative quaternion are the same: show the one with w ≥ 0.
     let half = if q.w < 0.0 { -1.0 } else { 1.0 };
-    let mut out = [0.0; OBSERVATION_DIM];
+    let commanded = sense.command.map_or(0, |_| spaces::COMMAND.len);
+    let mut out = Observation::zeros(OBSERVATION_DIM + commanded);
     put(&mut out, spaces::VELOCITY, [state.velocity.x, sign * state.velocity.y, state.velocity.z]);
     put(&mut out, spaces::QUATERNION, [q.w, sign * q.i, q.j, sign * q.k].map(|x| half * x));
     put(&mut out, spaces::ANGLES, [sign * angles.x, angles.y, sign * angles.z]);
@@ -55,12 +80,15 @@ pub fn observe(model: &Model, sense: &Sense<'_>, mirrored: bool) -> Observation 
     put(&mut out, spaces::JOINT_VELOCITY, joints(&|leg| state.joint_speeds[leg.index()]));
     put(&mut out, spaces::NORMAL_FORCE, shown.map(|leg| sense.normal[leg.index()]));
     put(&mut out, spaces::FRICTION_FORCE, shown.map(|leg| sense.friction[leg.index()]));
+    if let Some(Command { forward_mps, lateral_mps, yaw_radps }) = sense.command {
+        put(&mut out, spaces::COMMAND, [forward_mps, sign * lateral_mps, sign * yaw_radps]);
+    }
     out
 }
 
 /// Scales, clips and stores one block.
 fn put(out: &mut Observation, block: Block, values: impl IntoIterator<Item = f64>) {
-    let target = &mut out[block.start..block.start + block.len];
+    let target = &mut out.numbers[block.start..block.start + block.len];
     let mut values = values.into_iter();
     for (slot, value) in target.iter_mut().zip(&mut values) {
         *slot = (value as f32 / block.scale).clamp(-1.0, 1.0);
@@ -89,8 +117,31 @@ mod tests {
         let model = Model::new(&Config::default().robot);
         let torques = std::array::from_fn(|i| Vector3::new(1.0, 2.0, i as f64));
         let (normal, friction) = ([10.0, 20.0, 30.0, 500.0], [1.0, 2.0, 3.0, 4.0]);
-        let sense = Sense { state, torques: &torques, normal, friction, ground: 0.01 };
+        let sense = Sense { state, torques: &torques, normal, friction, ground: 0.01, command: None };
         observe(&model, &sense, mirrored)
+    }
+
+    #[test]
+    fn a_command_stands_behind_the_papers_numbers_and_is_mirrored() {
+        let model = Model::new(&Config::default().robot);
+        let (state, torques) = (state(), [Vector3::zeros(); 4]);
+        let plain = Sense {
+            state: &state,
+            torques: &torques,
+            normal: [0.0; 4],
+            friction: [0.0; 4],
+            ground: 0.0,
+            command: None,
+        };
+        let command = Command { forward_mps: 0.6, lateral_mps: 0.15, yaw_radps: -0.3 };
+        let told = Sense { command: Some(command), ..plain };
+        for (mirrored, expected) in [(false, [0.4, 0.1, -0.2]), (true, [0.4, -0.1, 0.2])] {
+            let observation = observe(&model, &told, mirrored);
+            assert_eq!(observation.len(), 59);
+            assert_eq!(observation[..56], *observe(&model, &plain, mirrored));
+            let close = observation[56..].iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-6);
+            assert!(close, "{:?}, expected {expected:?}", &observation[56..]);
+        }
     }
 
     /// The robot's image in the mirror.

@@ -6,7 +6,9 @@
 //! | S      | stride in the hip frame, from +S/2 to −S/2             | m    |
 //! | Δt     | duration of a stance                                   | s    |
 //! | κ      | balance gain                                           | 1    |
-//! | ω      | √(g / h), h the height of the centre of mass           | 1/s  |
+//! | ω      | √(g / h_c), h_c the height of the centre of mass       | 1/s  |
+//! | ω*     | yaw rate asked for                                     | rad/s |
+//! | h      | hip from the centre of mass                            | m    |
 //!
 //! Seen from below the hip at touchdown, in the frame of the heading: `v Δt/2 + κ (v − v*) / (ω sinh ωΔt) + trim`. The first term is
 //! the neutral point of a running machine (Raibert 1986): the centre of mass passes over the foot at half stance.
@@ -15,7 +17,8 @@
 //! the trim, `½ (S − v* Δt)` within bounds: a stride that fits the speed has none; a longer one puts the feet ahead and
 //! brakes, a shorter one lets the trunk run ahead of its feet. Hips are taken as placed about the centre of mass, which is
 //! what the feet have to carry, not about the trunk's origin. The bounds keep a stride that contradicts the speed from
-//! tripping the robot. Offsets from the hip are limited to what a leg can reach.
+//! tripping the robot. A robot that turns moves its hips by `ω* × h` on top, so that term is `(v + ω* × h) Δt/2`. Offsets
+//! from the hip are limited to what a leg can reach.
 
 use crate::robot::{GRAVITY, Geometry, Leg};
 use herd_common::config::control;
@@ -34,6 +37,8 @@ pub struct Motion {
     pub yaw: f64,
     /// rad/s
     pub yaw_rate: f64,
+    /// ω*, rad/s.
+    pub turn: f64,
 }
 
 /// Plans footholds for one robot.
@@ -54,19 +59,24 @@ impl Planner {
 
     /// Centre of the foot of `leg` (world, m) when it lands `ahead` seconds from now for a stance of `stance_secs`.
     pub fn foothold(&self, leg: Leg, motion: &Motion, stride: f64, stance_secs: f64, ahead: f64) -> Vector3<f64> {
-        let place = self.below_hip(leg, motion, ahead) + self.offset(motion, stride, stance_secs);
+        let place = self.below_hip(leg, motion, ahead) + self.offset(leg, motion, stride, stance_secs);
         Vector3::new(place.x, place.y, self.foot_radius)
     }
 
     /// The point below the hip's thigh plane `ahead` seconds from now, world, m.
     fn below_hip(&self, leg: Leg, motion: &Motion, ahead: f64) -> Vector2<f64> {
-        let hip = self.geometry.hip(leg).xy() + Vector2::y() * (leg.side() * self.geometry.hip_link);
+        let hip = self.hip(leg);
         let heading = Rotation2::new(motion.yaw + motion.yaw_rate * ahead);
         motion.position + motion.velocity * ahead + heading * hip
     }
 
+    /// h of the leg's thigh plane, heading frame, m.
+    fn hip(&self, leg: Leg) -> Vector2<f64> {
+        self.geometry.hip(leg).xy() + Vector2::y() * (leg.side() * self.geometry.hip_link)
+    }
+
     /// The foothold seen from below the hip, world, m.
-    fn offset(&self, motion: &Motion, stride: f64, stance_secs: f64) -> Vector2<f64> {
+    fn offset(&self, leg: Leg, motion: &Motion, stride: f64, stance_secs: f64) -> Vector2<f64> {
         let heading = Rotation2::new(motion.yaw);
         let velocity = heading.inverse() * motion.velocity;
         let wanted = heading.inverse() * motion.wanted;
@@ -74,8 +84,10 @@ impl Planner {
         let trim = ((stride - wanted.x * stance_secs) / 2.0).clamp(-bound, bound);
         let gain = self.config.foothold_gain / (self.pole_rate * (self.pole_rate * stance_secs).sinh());
         let offset = velocity * (stance_secs / 2.0) + (velocity - wanted) * gain + Vector2::new(trim, 0.0);
+        let hip = self.hip(leg);
+        let turned = offset + Vector2::new(-hip.y, hip.x) * (motion.turn * stance_secs / 2.0);
         let reach = self.config.foothold_clamp_m;
-        heading * offset.map(|x| x.clamp(-reach, reach))
+        heading * turned.map(|x| x.clamp(-reach, reach))
     }
 }
 
@@ -98,6 +110,7 @@ mod tests {
             wanted: Vector2::new(wanted, 0.0),
             yaw: 0.0,
             yaw_rate: 0.0,
+            turn: 0.0,
         }
     }
 
@@ -128,6 +141,21 @@ mod tests {
         };
         let foot = planner().foothold(Leg::FrontLeft, &turned, 0.06, 0.15, 0.0);
         assert!((foot.xy() - Vector2::new(2.0 - 0.088, -1.0 + 0.0705 + 0.03)).norm() < 1e-12, "{foot}");
+    }
+
+    #[test]
+    fn a_turning_robot_steps_around_its_centre() {
+        let offset = |leg: Leg| {
+            let still = walking(0.0, 0.0);
+            let turning = Motion { turn: 1.0, ..still };
+            let land = |motion: &Motion| planner().foothold(leg, motion, 0.0, 0.2, 0.0).xy();
+            (land(&turning) - land(&still), land(&still) - still.position)
+        };
+        for leg in Leg::ALL {
+            let (offset, hip) = offset(leg);
+            assert!(offset.dot(&hip).abs() < 1e-12, "{leg:?}: across the line to its hip");
+            assert!((hip.perp(&offset) - 0.1 * hip.norm_squared()).abs() < 1e-12, "{leg:?}: counterclockwise, ω Δt/2");
+        }
     }
 
     #[test]

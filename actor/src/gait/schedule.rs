@@ -6,7 +6,7 @@
 //! | ahead  | time from now                         | s     |
 //!
 //! Duty factor .5: one pair swings while the other stands. The future beyond the present swing is not decided yet; it is
-//! predicted to go on with the present Δt.
+//! predicted to go on with the present Δt. A robot that is to stay where it is has a stance of all legs in place of a swing.
 
 use crate::robot::Leg;
 
@@ -23,6 +23,8 @@ pub enum Pair {
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
     swinging: Pair,
+    /// All legs stand; `swinging` swung last.
+    halted: bool,
     duration_ticks: u32,
     elapsed_ticks: u32,
     tick_secs: f64,
@@ -47,7 +49,12 @@ impl Schedule {
     /// The beginning of a swing of `swinging` that lasts `duration_secs`, rounded to whole ticks.
     pub fn new(swinging: Pair, duration_secs: f64, tick_secs: f64) -> Self {
         let duration_ticks = ((duration_secs / tick_secs).round() as u32).max(1);
-        Self { swinging, duration_ticks, elapsed_ticks: 0, tick_secs }
+        Self { swinging, halted: false, duration_ticks, elapsed_ticks: 0, tick_secs }
+    }
+
+    /// The beginning of a stance of all legs that lasts as long; the pair whose turn it was keeps it.
+    pub fn halt(&self, duration_secs: f64) -> Self {
+        Self { halted: true, ..Self::new(self.swinging, duration_secs, self.tick_secs) }
     }
 
     /// Goes on by one tick.
@@ -85,18 +92,26 @@ impl Schedule {
         f64::from(self.elapsed_ticks) / f64::from(self.duration_ticks)
     }
 
-    /// The pair in the air.
+    /// True when all legs are meant to stand.
+    pub fn is_halted(&self) -> bool {
+        self.halted
+    }
+
+    /// The pair in the air, or that was last.
     pub fn swinging(&self) -> Pair {
         self.swinging
     }
 
     /// True when this leg is meant to be in the air now.
     pub fn swings(&self, leg: Leg) -> bool {
-        Pair::of(leg) == self.swinging
+        !self.halted && Pair::of(leg) == self.swinging
     }
 
     /// How many changes of pairs lie between now and `ahead`.
     fn changes_until(&self, ahead: f64) -> u32 {
+        if self.halted {
+            return 0;
+        }
         // Half a tick of slack, so that sums of step lengths cannot fall on the wrong side of a change.
         let beyond = ahead + self.tick_secs / 2.0 - self.remaining_secs();
         if beyond < 0.0 { 0 } else { 1 + (beyond / self.duration_secs()) as u32 }
@@ -126,6 +141,17 @@ mod tests {
             assert_ne!(Pair::of(leg), Pair::of(leg.mirrored()));
         }
         assert_eq!(Pair::of(Leg::FrontLeft), Pair::of(Leg::RearRight));
+    }
+
+    #[test]
+    fn a_halted_robot_stands_on_all_legs_and_goes_on_with_the_pair_whose_turn_it_was() {
+        let schedule = Schedule::new(Pair::FrontLeftRearRight, 0.15, 0.002);
+        let halted = schedule.halt(0.15).halt(0.1);
+        for leg in Leg::ALL {
+            assert!(!halted.swings(leg) && halted.stands_at(leg, 0.0) && halted.stands_at(leg, 0.2), "{leg:?}");
+        }
+        assert_eq!((halted.touchdown_before(0.3), halted.duration_ticks()), (None, 50));
+        assert_eq!(halted.swinging(), schedule.swinging());
     }
 
     proptest! {

@@ -2,6 +2,7 @@
 
 use super::policy;
 use herd_common::config::Config;
+use herd_common::spaces::Task;
 use herd_common::work::{Order, Work};
 use herd_proto::{convert, v1};
 use std::collections::{BTreeMap, VecDeque};
@@ -115,7 +116,7 @@ impl Learner {
         match report {
             Some(Up::Transitions(piece)) => {
                 let work = convert::work_from_wire(piece.work.as_ref()).expect("has work");
-                let batch = convert::transitions_from_wire(&piece, 4).expect("valid");
+                let batch = convert::transitions_from_wire(&piece, Task::Gait.dims()).expect("valid");
                 let (order, count) = open.get_mut(&work).expect("only leased episodes are sent");
                 assert_eq!((piece.attempt, piece.first), (order.attempt, *count), "{work}");
                 *count += batch.len() as u64;

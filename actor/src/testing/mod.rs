@@ -9,7 +9,7 @@ use herd_common::config::Config;
 use herd_common::episode::{Counts, Ending, Outcome, Reward};
 use herd_common::policy::{Layer, Policy, Provenance};
 use herd_common::seed::Seed;
-use herd_common::spaces::OBSERVATION_DIM;
+use herd_common::spaces::{OBSERVATION_DIM, Task};
 use herd_common::transition::{Batch, Transition};
 use herd_common::work::{Order, Work};
 use std::ops::ControlFlow;
@@ -35,7 +35,7 @@ impl Robot for Puppet {
     fn run(&mut self, order: &Order, policy: Option<&Policy>, emit: &mut Emit<'_>) -> Option<Outcome> {
         assert_ne!(order.work, Work::Episode(Self::PANICS), "stumbled");
         while order.work == Work::Episode(Self::ENDLESS) {
-            if emit(Batch::new(4)).is_break() {
+            if emit(Batch::new(Task::Gait.dims())).is_break() {
                 return None;
             }
             std::thread::yield_now();
@@ -43,7 +43,7 @@ impl Robot for Puppet {
         let action = policy.map_or(0.0, |policy| policy.act(&[0.0; OBSERVATION_DIM])[0]);
         let mut left = Self::LENGTH;
         while left > 0 {
-            let mut piece = Batch::new(4);
+            let mut piece = Batch::new(Task::Gait.dims());
             for _ in 0..left.min(crate::worker::PIECE as u64) {
                 let observation = [0.0; OBSERVATION_DIM];
                 piece.push(Transition {
@@ -71,9 +71,9 @@ pub(crate) fn order(episode: u64) -> Order {
 
 /// A small policy for this task whose actions depend on what it sees.
 pub(crate) fn policy(config: &Config, version: u64) -> Policy {
-    let outputs = config.task.kind.action_dim();
-    let weights = (0..OBSERVATION_DIM * outputs).map(|i| (i % 7) as f32 / 7.0 - 0.4).collect();
-    let layer = Layer { inputs: OBSERVATION_DIM, outputs, weights, biases: vec![0.1; outputs] };
+    let (inputs, outputs) = (config.task.kind.observation_dim(), config.task.kind.action_dim());
+    let weights = (0..inputs * outputs).map(|i| (i % 7) as f32 / 7.0 - 0.4).collect();
+    let layer = Layer { inputs, outputs, weights, biases: vec![0.1; outputs] };
     let provenance = Provenance { version, run: "run".into(), task_hash: config.task_hash() };
     Policy::new(provenance, vec![layer]).expect("well formed")
 }

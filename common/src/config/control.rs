@@ -79,6 +79,8 @@ pub struct Gait {
     pub pace_mps2: f64,
     /// Largest acceleration of the speed reference along an axis, m/s².
     pub acceleration_mps2: f64,
+    /// Below this speed a robot that is asked to stand still stops stepping, m/s.
+    pub halt_mps: f64,
 }
 
 /// Swing control, eqs 15–16.
@@ -133,6 +135,7 @@ impl Config {
         check("control.gait.acceleration_mps2", self.gait.acceleration_mps2, 0.01..=100.0)?;
         check("control.swing.sink_share", self.swing.sink_share, 0.0..=1.0)?;
         check("control.swing.aim_share", self.swing.aim_share, 0.0..=1.0)?;
+        check("control.gait.halt_mps", self.gait.halt_mps, 0.0..=5.0)?;
         check("control.swing.stiffness_npm", self.swing.stiffness_npm, 0.0..=1e5)?;
         check("control.swing.damping_nspm", self.swing.damping_nspm, 0.0..=1e4)?;
         check("control.swing.early_contact_n", self.swing.early_contact_n, 0.0..=1e4)?;

@@ -3,6 +3,7 @@
 //! Every component's settings stand in a file of their own with their commented defaults beside them; this file joins
 //! and checks them. A key that no default has is refused with the nearest one that exists.
 
+pub mod command;
 pub mod control;
 pub mod ddpg;
 pub mod merge;
@@ -154,8 +155,9 @@ impl Config {
 
     /// Names what actor and learner must agree on: spaces, task, robot, controller, scenario, simulator.
     pub fn task_hash(&self) -> String {
-        let parts = (crate::spaces::OBSERVATION.map(|b| (b.meaning, b.scale.to_bits())), CONTROLLER_REVISION);
-        let task = task::Config { constant: task::Config::identity_constant(&self.task), ..self.task.clone() };
+        let blocks: Vec<_> = self.task.kind.observation().map(|b| (b.meaning, b.scale.to_bits())).collect();
+        let parts = (blocks, CONTROLLER_REVISION);
+        let task = self.task.identity();
         let text = serde_json::to_string(&(parts, &task, &self.control, &self.scenario, &self.sim, &self.robot));
         sha256_hex(text.expect("plain data serialises"))
     }

@@ -1,6 +1,6 @@
 //! Settings of the task: action box, reward, endings, discount, reset.
 
-use super::{Error, check, check_span};
+use super::{Error, check, check_span, command};
 use crate::spaces::Task;
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +20,8 @@ pub struct Config {
     pub torque: Torque,
     /// The fixed gait of the constant task.
     pub constant: Constant,
+    /// The command task.
+    pub command: command::Config,
     /// Eq 10.
     pub reward: Reward,
     /// Limits whose breach is a fall.
@@ -172,11 +174,13 @@ impl Gait {
 }
 
 impl Config {
-    /// The constant gait as far as it names the task: only the constant task depends on it.
-    pub(super) fn identity_constant(task: &Self) -> Constant {
-        match task.kind {
-            Task::Constant => task.constant,
-            Task::Gait | Task::Torque => Constant { velocity_mps: 0.0, stride_m: 0.0, lift_m: 0.0, step_secs: 0.0 },
+    /// What names the task: only the constant task depends on the constant gait, only the command task on commands.
+    pub(super) fn identity(&self) -> Self {
+        let still = Constant { velocity_mps: 0.0, stride_m: 0.0, lift_m: 0.0, step_secs: 0.0 };
+        Self {
+            constant: if self.kind == Task::Constant { self.constant } else { still },
+            command: if self.kind == Task::Command { self.command.clone() } else { command::Config::default() },
+            ..self.clone()
         }
     }
 
@@ -193,6 +197,7 @@ impl Config {
         check("task.constant.stride_m", self.constant.stride_m, -0.5..=0.5)?;
         check("task.constant.lift_m", self.constant.lift_m, 0.0..=0.15)?;
         check("task.constant.step_secs", self.constant.step_secs, 0.05..=1.0)?;
+        self.command.validate()?;
         check("task.reward.sample_secs", self.reward.sample_secs, 0.002..=1.0)?;
         check("task.ending.roll_rad", self.ending.roll_rad, 0.0..=3.2)?;
         check("task.ending.pitch_rad", self.ending.pitch_rad, 0.0..=3.2)?;

@@ -86,7 +86,8 @@ fn episode(case: &Case, env: &mut Env, job: &Job) -> Episode {
     let outcome = rollout::finish(env, observation, &mut act, &mut |_| ControlFlow::Continue(()));
     let outcome = outcome.expect("this sink never breaks the episode off");
     let wall_secs = start.elapsed().as_secs_f64();
-    Episode { outcome, cost_of_transport: env.figures(0.0).cost_of_transport, wall_secs }
+    let cost_of_transport = env.figures(0.0).cost_of_transport;
+    Episode { outcome, cost_of_transport, following: env.following(), wall_secs }
 }
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
 //! What is to be evaluated: one policy, one gait, a sweep or a grid of gaits.
 
-use super::Args;
+use super::{Args, commands};
 use crate::exit::Failure;
 use anyhow::Context;
 use herd_common::config::Config;
 use herd_common::config::task::Constant;
 use herd_common::policy::Policy;
-use herd_common::spaces::{OBSERVATION_DIM, Task};
+use herd_common::spaces::Task;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -22,28 +22,40 @@ pub(crate) struct Case {
 }
 
 impl Case {
-    /// The gait, for a case without a policy.
+    /// The gait, for a case of the constant task.
     pub(crate) fn gait(&self) -> Option<Constant> {
-        self.policy.is_none().then_some(self.config.task.constant)
+        (self.config.task.kind == Task::Constant).then_some(self.config.task.constant)
     }
 }
 
 /// The cases that the options mean.
 pub(crate) fn of(args: &Args, config: &Config) -> anyhow::Result<Vec<Case>> {
+    if !args.commands.is_empty() {
+        commands::check(config.task.kind)?;
+    }
     if config.task.kind == Task::Constant {
         if args.policy.is_some() {
             return Err(Failure::usage("the constant task takes no --policy").into());
+        }
+        if !args.commands.is_empty() {
+            return Ok(commands::cases(config, &args.commands, None)?);
         }
         return Ok(constant(args, config)?);
     }
     let (label, policy) = policy(args, config)?;
     policy.expect_task(&config.task_hash())?;
-    let (found, expected) =
-        ((policy.observation_dim(), policy.action_dim()), (OBSERVATION_DIM, config.task.kind.action_dim()));
+    let (found, expected) = (
+        (policy.observation_dim(), policy.action_dim()),
+        (config.task.kind.observation_dim(), config.task.kind.action_dim()),
+    );
     if found != expected {
         return Err(Failure::config(format!("{label} takes and gives {found:?} numbers, expected {expected:?}")).into());
     }
-    Ok(vec![Case { label, config: config.clone(), policy: Some(Arc::new(policy)) }])
+    let policy = Arc::new(policy);
+    if !args.commands.is_empty() {
+        return Ok(commands::cases(config, &args.commands, Some(&policy))?);
+    }
+    Ok(vec![Case { label, config: config.clone(), policy: Some(policy) }])
 }
 
 fn constant(args: &Args, config: &Config) -> Result<Vec<Case>, herd_common::config::Error> {

@@ -1,6 +1,8 @@
 //! Figures of episodes: each one, and means over those of a case.
 
 use super::cases::Case;
+use super::commands;
+use herd_actor::env::Following;
 use herd_common::config::task::Constant;
 use herd_common::episode::{Ending, Outcome};
 use serde::Serialize;
@@ -14,6 +16,9 @@ pub(crate) struct Episode {
     pub(crate) outcome: Outcome,
     /// Work of the motors per weight and distance.
     pub(crate) cost_of_transport: f64,
+    /// How well it followed its commands, in the command task.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) following: Option<Following>,
     /// Wall time, s.
     pub(crate) wall_secs: f64,
 }
@@ -53,6 +58,9 @@ pub(crate) struct Mean {
     pub(crate) speed_mps: f64,
     /// Mean over episodes of |speed − command| / |command|, for a gait with a command.
     pub(crate) speed_error: Option<f64>,
+    /// How well the robot followed its commands, in the command task.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) following: Option<Following>,
     /// rad²
     pub(crate) roll_variance: f64,
     /// rad²
@@ -105,6 +113,7 @@ impl Mean {
             seconds: mean(&|o| o.seconds),
             speed_mps: mean(&Outcome::mean_speed),
             speed_error: command.map(|v| mean(&|o| (o.mean_speed() - v).abs() / v.abs())),
+            following: commands::mean(&episodes.iter().filter_map(|e| e.following).collect::<Vec<_>>()),
             roll_variance: mean(&|o| o.roll_variance),
             pitch_variance: mean(&|o| o.pitch_variance),
             distance_m: mean(&|o| o.distance_m),
@@ -130,7 +139,7 @@ mod tests {
         let (seconds, decisions) = (10.0, 50);
         let outcome = Outcome { ending, decisions, seconds, reward, distance_m, roll_variance, pitch_variance, counts };
         let cost_of_transport = if ending == Ending::TimedOut { 0.8 } else { 70.0 };
-        Episode { outcome, cost_of_transport, wall_secs: 2.0 }
+        Episode { outcome, cost_of_transport, following: None, wall_secs: 2.0 }
     }
 
     #[test]

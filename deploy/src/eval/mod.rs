@@ -2,6 +2,7 @@
 
 mod bench;
 mod cases;
+mod commands;
 mod figures;
 mod suite;
 mod view;
@@ -10,6 +11,7 @@ use crate::args::ConfigArgs;
 use crate::exit::Failure;
 use crate::out;
 use herd_common::config::Config;
+use herd_common::config::command::Command;
 use herd_common::seed::Seed;
 use std::path::PathBuf;
 
@@ -22,6 +24,8 @@ Examples:
   herd eval --run-dir runs/first --untrained            what the run started from
   herd eval --task constant --set task.constant.velocity_mps=0.6 --set task.constant.stride_m=0.09
   herd eval --task constant --speeds 0.2,0.4,0.6,0.8,1.0
+  herd eval --task constant --command 0.5,0,0.3 --command 0,0.2,0
+  herd eval --run-dir runs/told --command 0.5,0.1,0.3   the command task's policy, told this all through
   herd eval --task constant --grid 3 --episodes 2       81 gaits over the action box
   herd eval --task constant --suite --out suite         how it fares on rough ground, under load, when pushed
   herd eval --run-dir runs/first --suite --beside constant --quick
@@ -34,7 +38,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
     /// Task: short for --set task.kind=KIND.
-    #[arg(long, value_name = "KIND", value_parser = ["gait", "torque", "constant"])]
+    #[arg(long, value_name = "KIND", value_parser = ["gait", "torque", "constant", "command"])]
     task: Option<String>,
     /// Evaluate the policy that a run with this configuration and seed starts from.
     #[cfg(feature = "learner")]
@@ -43,6 +47,15 @@ pub(crate) struct Args {
     /// Constant gaits of these speeds, m/s; the stride is speed × step.
     #[arg(long, value_name = "M/S", value_delimiter = ',', conflicts_with = "grid", allow_negative_numbers = true)]
     speeds: Vec<f64>,
+    /// Tell the robot this velocity (forwards m/s, to the left m/s, turning left rad/s); may be repeated.
+    #[arg(
+        long = "command",
+        value_name = "FORWARD,LEFT,YAW",
+        value_parser = commands::parse,
+        allow_hyphen_values = true,
+        conflicts_with_all = ["speeds", "grid"]
+    )]
+    commands: Vec<Command>,
     /// Constant gaits on a grid of K points a dimension over the action box (velocity, stride, lift, step).
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=6))]
     grid: Option<u32>,
@@ -93,6 +106,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
     out::print(&match args.grid {
         Some(_) => view::grid(&results),
+        None if !args.commands.is_empty() => commands::table(&results),
         None if results.len() > 1 => view::sweep(&results),
         None => view::single(&results[0]),
     })

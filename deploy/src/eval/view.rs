@@ -48,7 +48,11 @@ fn means(mean: &Mean) -> String {
         mean.velocity, mean.survival, mean.heading, mean.effort
     );
     let qp = format!("{} solved, {} given up", count(mean.qp_solves), count(mean.qp_failures));
-    facts(&[
+    let following = mean.following.map(|following| {
+        let (velocity, turn) = (following.velocity_error, following.turn_error);
+        ("off its command", format!("{velocity:.3} m/s, {turn:.3} rad/s, root mean square"))
+    });
+    let lines = [
         ("mean return", format!("{:.1} ± {:.1}: {terms}", mean.value, mean.return_deviation)),
         ("mean length", format!("{:.2} s", mean.seconds)),
         ("mean speed", format!("{:.3} m/s{error}", mean.speed_mps)),
@@ -56,7 +60,8 @@ fn means(mean: &Mean) -> String {
         ("endings", endings(mean)),
         ("QP", qp),
         ("speed", format!("{:.1}× real time on one thread", mean.realtime_factor)),
-    ])
+    ];
+    facts(&lines.into_iter().chain(following).collect::<Vec<_>>())
 }
 
 /// One row a case.

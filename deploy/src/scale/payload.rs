@@ -1,7 +1,7 @@
 //! What a synthetic actor sends: episodes without physics, packed once and stamped per episode.
 
 use herd_common::episode::{Counts, Ending, Outcome, Reward};
-use herd_common::spaces::OBSERVATION_DIM;
+use herd_common::spaces::Dims;
 use herd_common::transition::{Batch, Transition};
 use herd_proto::packed::Packed;
 
@@ -18,11 +18,11 @@ pub(crate) struct Payload {
 }
 
 impl Payload {
-    /// Episodes of `decisions` transitions, in pieces of at most `piece`, with actions of this length.
-    pub(crate) fn new(decisions: usize, piece: usize, action_dim: usize) -> Self {
+    /// Episodes of `decisions` transitions, in pieces of at most `piece`, for spaces of these lengths.
+    pub(crate) fn new(decisions: usize, piece: usize, dims: Dims) -> Self {
         let variant = |variant: u64| {
             let indices: Vec<usize> = (0..decisions).collect();
-            indices.chunks(piece).map(|chunk| Packed::new(&batch(variant, chunk, action_dim))).collect()
+            indices.chunks(piece).map(|chunk| Packed::new(&batch(variant, chunk, dims))).collect()
         };
         Self { decisions: decisions as u64, variants: (0..VARIANTS).map(variant).collect() }
     }
@@ -60,16 +60,16 @@ impl Payload {
 }
 
 /// Transitions whose numbers differ with variant, index and place, all within [-1, 1].
-fn batch(variant: u64, indices: &[usize], action_dim: usize) -> Batch {
-    let mut batch = Batch::new(action_dim);
+fn batch(variant: u64, indices: &[usize], dims: Dims) -> Batch {
+    let mut batch = Batch::new(dims);
     let number = |index: usize, place: usize| {
         let whole = (variant as usize * 31 + index * 17 + place * 7) % 2001;
         whole as f32 / 1000.0 - 1.0
     };
     for &index in indices {
-        let seen: Vec<f32> = (0..OBSERVATION_DIM).map(|place| number(index, place)).collect();
-        let next: Vec<f32> = (0..OBSERVATION_DIM).map(|place| number(index + 1, place)).collect();
-        let action: Vec<f32> = (0..action_dim).map(|place| number(index, place + OBSERVATION_DIM)).collect();
+        let seen: Vec<f32> = (0..dims.observation).map(|place| number(index, place)).collect();
+        let next: Vec<f32> = (0..dims.observation).map(|place| number(index + 1, place)).collect();
+        let action: Vec<f32> = (0..dims.action).map(|place| number(index, place + dims.observation)).collect();
         let (observation, action, next_observation) = (&seen[..], &action[..], &next[..]);
         batch.push(Transition { observation, action, reward: 0.0, discount: 0.95, next_observation });
     }
@@ -79,13 +79,15 @@ fn batch(variant: u64, indices: &[usize], action_dim: usize) -> Batch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use herd_common::spaces::Task;
 
     #[test]
     fn episodes_are_valid_whole_and_distinct() {
         let all: Vec<usize> = (0..100).collect();
-        assert_eq!(batch(3, &all, 4).validate(), Ok(()));
-        assert_ne!(batch(3, &all, 4), batch(4, &all, 4));
-        let payload = Payload::new(100, 32, 4);
+        let dims = Task::Gait.dims();
+        assert_eq!(batch(3, &all, dims).validate(), Ok(()));
+        assert_ne!(batch(3, &all, dims), batch(4, &all, dims));
+        let payload = Payload::new(100, 32, dims);
         let pieces: Vec<(u64, usize)> = payload.episode(5).map(|(first, piece)| (first, piece.len())).collect();
         assert_eq!(pieces, [(0, 32), (32, 32), (64, 32), (96, 4)]);
         let one: Vec<_> = payload.episode(1).collect();

@@ -142,7 +142,7 @@ fn start_actors(method: &Method, actors: u32, dir: &Path, address: &str) -> anyh
     if let Some(synthetic) = method.synthetic {
         let Synthetic { decisions, piece, deaf, pace } = synthetic;
         let pause = pace.map_or(Duration::ZERO, |pace| Duration::from_secs_f64(f64::from(actors) / pace));
-        let payload = Payload::new(decisions, piece, method.config.task.kind.action_dim());
+        let payload = Payload::new(decisions, piece, method.config.task.kind.dims());
         let plan = Plan { payload, robots: method.robots, deaf, pause };
         return Ok(Actors::Synthetic(Load::start(actors, address, plan)?));
     }

@@ -12,9 +12,9 @@
 
 use super::error::Error;
 use super::kernels::write;
-use super::update::Dims;
 use crate::replay::Row;
 use candle_core::{DType, Device, Result, Tensor};
+use herd_common::spaces::Dims;
 
 /// The tensors of one minibatch.
 #[derive(Debug)]

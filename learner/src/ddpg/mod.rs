@@ -24,4 +24,4 @@ mod update;
 pub use batch::Batch;
 pub use error::Error;
 pub use snapshot::{Counters, Record, Snapshot};
-pub use update::{Ddpg, Dims, Update};
+pub use update::{Ddpg, Update};

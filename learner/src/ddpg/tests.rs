@@ -2,12 +2,13 @@
 
 use super::networks::Network;
 use super::networks::tests::{assert_close, recorded_forward, tensors, variables};
-use super::update::{Ddpg, Dims, Update};
+use super::update::{Ddpg, Update};
 use super::{Error, kernels::Activation, losses, networks};
 use crate::replay::{Replay, Row};
 use candle_core::Tensor;
 use herd_common::config;
 use herd_common::seed::Seed;
+use herd_common::spaces::Dims;
 use herd_common::transition;
 use rand::RngExt;
 
@@ -35,6 +36,7 @@ fn random_replay(n: usize, dims: Dims) -> Replay {
     let mut column = |width: usize| (0..n * width).map(|_| rng.random_range(-1.0_f32..1.0)).collect();
     let mut replay = Replay::new(n, dims.observation, dims.action);
     replay.push(&transition::Batch {
+        observation_dim: dims.observation,
         action_dim: dims.action,
         observations: column(dims.observation),
         actions: column(dims.action),
@@ -272,6 +274,7 @@ fn bandit(n: usize, earned: impl Fn(f32) -> f32) -> Replay {
     let actions: Vec<f32> = (0..n).map(|_| rng.random_range(-1.0_f32..1.0)).collect();
     let mut replay = Replay::new(n, 1, 1);
     replay.push(&transition::Batch {
+        observation_dim: 1,
         action_dim: 1,
         observations: vec![0.5; n],
         rewards: actions.iter().map(|a| earned(*a)).collect(),

@@ -25,17 +25,9 @@ use herd_common::caps;
 use herd_common::config::ddpg::Config;
 use herd_common::policy::Layer;
 use herd_common::seed::Seed;
+use herd_common::spaces::Dims;
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
-
-/// Lengths of the spaces.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Dims {
-    /// Numbers in an observation.
-    pub observation: usize,
-    /// Numbers in an action.
-    pub action: usize,
-}
 
 /// What one update reports. Values and losses are in units of scaled reward.
 #[derive(Clone, Copy, Debug, PartialEq)]

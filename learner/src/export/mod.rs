@@ -29,16 +29,16 @@ pub fn policy(ddpg: &Ddpg, provenance: Provenance) -> Result<Policy, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ddpg::Dims;
     use herd_common::config::Config;
     use herd_common::seed::Seed;
+    use herd_common::spaces::Task;
     use rand::RngExt;
 
     #[test]
     fn the_policy_acts_as_the_network_does() {
         let sets = ["ddpg.output_init=0.1".to_owned()];
         let config = Config::default().overridden(&sets).expect("valid").ddpg;
-        let ddpg = Ddpg::new(&config, Dims { observation: 56, action: 4 }, Seed::from_number(1)).unwrap();
+        let ddpg = Ddpg::new(&config, Task::Gait.dims(), Seed::from_number(1)).unwrap();
         let provenance = Provenance { version: 1, run: "run".into(), task_hash: "task".into() };
         let policy = policy(&ddpg, provenance.clone()).unwrap();
         assert_eq!(policy.provenance, provenance);

@@ -7,7 +7,7 @@
 use herd_common::config::Config;
 use herd_common::policy::Policy;
 use herd_common::seed::Seed;
-use herd_common::spaces::{OBSERVATION, Task};
+use herd_common::spaces::Task;
 use prost::Message;
 use rand::RngExt;
 use serde::Serialize;
@@ -78,13 +78,16 @@ pub fn golden(policy: &Policy) -> Golden {
 /// What the numbers mean and where the policy comes from; no clock, host or path.
 fn metadata(policy: &Policy, config: &Config) -> Vec<StringStringEntryProto> {
     let provenance = &policy.provenance;
-    let blocks = OBSERVATION.map(|b| serde_json::json!([b.start, b.len, b.meaning, b.unit, b.scale]));
-    let action = match config.task.kind {
+    let task = config.task.kind;
+    let blocks = task.observation().map(|b| serde_json::json!([b.start, b.len, b.meaning, b.unit, b.scale]));
+    let blocks: Vec<_> = blocks.collect();
+    let action = match task {
         Task::Torque => serde_json::json!({ "limit_nm": config.task.torque.limit_nm }),
         Task::Gait | Task::Constant => serde_json::json!(config.task.gait),
+        Task::Command => serde_json::json!({ "gait": config.task.gait, "command": config.task.command }),
     };
     [
-        ("task", config.task.kind.name().to_owned()),
+        ("task", task.name().to_owned()),
         ("task_hash", provenance.task_hash.clone()),
         ("run", provenance.run.clone()),
         ("version", provenance.version.to_string()),

@@ -5,7 +5,7 @@ use super::record::tests::{bytes_of, record};
 use super::record::{Committed, Record};
 use super::replay;
 use herd_common::episode::{Counts, Ending, Outcome, Reward};
-use herd_common::spaces::OBSERVATION_DIM;
+use herd_common::spaces::{OBSERVATION_DIM, Task};
 use herd_common::transition::{Batch, Transition};
 use proptest::prelude::*;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use tempfile::TempDir;
 
 /// The record of episode `n`, a bit different for each.
 fn episode(n: u64) -> Record {
-    let mut transitions = Batch::new(4);
+    let mut transitions = Batch::new(Task::Gait.dims());
     for i in 0..n % 3 {
         transitions.push(Transition {
             observation: &[n as f32 / 100.0; OBSERVATION_DIM],

@@ -19,6 +19,7 @@ use super::refusal::{Reason, Refusal};
 use herd_common::caps;
 use herd_common::config::run::{Exploration, Order};
 use herd_common::episode::{Ending, Outcome};
+use herd_common::spaces::Dims;
 use herd_common::transition::Batch;
 use herd_common::work::Work;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -40,8 +41,8 @@ pub struct Rules {
     pub evaluation_episodes: u64,
     /// Noise by episode number.
     pub exploration: Exploration,
-    /// Length of one action.
-    pub action_dim: usize,
+    /// Lengths of the task's spaces.
+    pub dims: Dims,
 }
 
 #[derive(Debug, Default)]
@@ -136,7 +137,7 @@ impl Ledger {
             return Err(Exhausted { work, leases: entry.attempts });
         }
         entry.attempts += 1;
-        let staged = Batch::new(self.rules.action_dim);
+        let staged = Batch::new(self.rules.dims);
         entry.state = State::Leased(Held { actor, version, progress_at: now, staged });
         let attempt = entry.attempts;
         self.holders.take(actor);
@@ -149,7 +150,7 @@ impl Ledger {
 
     /// Stages transitions `first ..` of a lease. An empty batch counts as a sign of life.
     pub fn transitions(&mut self, claim: &Claim, first: u64, batch: &Batch, now: f64) -> Result<(), Refusal> {
-        let action_dim = self.rules.action_dim;
+        let dims = self.rules.dims;
         let held = self.held(claim)?;
         let staged = held.staged.len() as u64;
         let all = staged + batch.len() as u64;
@@ -159,8 +160,8 @@ impl Ledger {
             Some(Reason::Gap { expected: staged, found: first })
         } else if all > caps::TRANSITIONS_PER_EPISODE as u64 {
             Some(Reason::TooMany { found: all })
-        } else if batch.action_dim != action_dim {
-            Some(Reason::ActionDim { found: batch.action_dim, expected: action_dim })
+        } else if batch.dims() != dims {
+            Some(Reason::Dims { found: batch.dims(), expected: dims })
         } else {
             batch.validate().err().map(Reason::from)
         };
@@ -446,7 +447,7 @@ impl Ledger {
 mod tests {
     use super::*;
     use herd_common::episode::{Counts, Reward};
-    use herd_common::spaces::OBSERVATION_DIM;
+    use herd_common::spaces::{OBSERVATION_DIM, Task};
     use herd_common::transition::Transition;
 
     fn rules(order: Order, lag: u64, target: u64) -> Rules {
@@ -460,7 +461,7 @@ mod tests {
             evaluation_every: 0,
             evaluation_episodes: 2,
             exploration,
-            action_dim: 4,
+            dims: Task::Gait.dims(),
         }
     }
 
@@ -469,7 +470,7 @@ mod tests {
     }
 
     fn batch(count: usize) -> Batch {
-        let mut batch = Batch::new(4);
+        let mut batch = Batch::new(Task::Gait.dims());
         let (observation, next_observation) = (&[0.0; OBSERVATION_DIM], &[0.0; OBSERVATION_DIM]);
         for _ in 0..count {
             batch.push(Transition { observation, action: &[0.0; 4], reward: 1.0, discount: 0.5, next_observation });
@@ -607,10 +608,14 @@ mod tests {
             ledger.transitions(&old, 2, &batch(1), 0.0),
             "actor 3, attempt 1 of episode 0: transitions start at 2, expected 0",
         );
-        let wide = Batch::new(12);
+        let wide = Batch::new(Task::Torque.dims());
         check(
             ledger.transitions(&old, 0, &wide, 0.0),
-            "actor 3, attempt 1 of episode 0: actions have 12 numbers, expected 4",
+            "actor 3, attempt 1 of episode 0: observations and actions have 56 and 12 numbers, expected 56 and 4",
+        );
+        check(
+            ledger.transitions(&old, 0, &Batch::new(Task::Command.dims()), 0.0),
+            "actor 3, attempt 1 of episode 0: observations and actions have 59 and 4 numbers, expected 56 and 4",
         );
         ledger.transitions(&old, 0, &batch(2), 0.0).expect("accepted");
         let count = "actor 3, attempt 1 of episode 0: outcome counts 3 decisions, expected 2, the number of transitions that arrived";
@@ -634,7 +639,7 @@ mod tests {
             ledger.finish(&old, outcome(2, Ending::TimedOut)),
             "actor 3, attempt 1 of episode 0: already finished by attempt 2, waits to be committed",
         );
-        assert_eq!(ledger.next_commit().map(|c| c.transitions), Some(Batch::new(4)));
+        assert_eq!(ledger.next_commit().map(|c| c.transitions), Some(Batch::new(Task::Gait.dims())));
         check(ledger.finish(&new, outcome(2, Ending::TimedOut)), "actor 5, attempt 2 of episode 0: already committed");
         let never = Claim { actor: 1, work: Work::Episode(8), attempt: 1 };
         check(

@@ -10,7 +10,7 @@ use super::record::Committed;
 use super::refusal::Reason;
 use herd_common::config::run::{Exploration, Order};
 use herd_common::episode::{Counts, Ending, Outcome, Reward};
-use herd_common::spaces::OBSERVATION_DIM;
+use herd_common::spaces::{OBSERVATION_DIM, Task};
 use herd_common::transition::{Batch, Transition};
 use herd_common::work::Work;
 use proptest::prelude::*;
@@ -62,7 +62,7 @@ fn rules() -> impl Strategy<Value = Rules> {
         evaluation_every: every,
         evaluation_episodes: n,
         exploration: Exploration { sigma_min: 0.1, sigma_max: 0.4, rungs: 8, sigma_smoothing: 0.0, warmup_episodes: 0 },
-        action_dim: 4,
+        dims: Task::Gait.dims(),
     })
 }
 
@@ -75,7 +75,7 @@ struct Belief {
 
 /// Transitions that show who gathered them: the reward names actor and attempt, the observation the position.
 fn batch(claim: &Claim, first: u64, count: usize) -> Batch {
-    let mut batch = Batch::new(4);
+    let mut batch = Batch::new(Task::Gait.dims());
     for i in first..first + count as u64 {
         batch.push(Transition {
             observation: &[i as f32 / 1000.0; OBSERVATION_DIM],

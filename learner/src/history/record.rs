@@ -7,7 +7,7 @@
 //! | episode, version | u64, u64 | episode |
 //! | sigma | f32 | episode |
 //! | outcome | 113 bytes | episode |
-//! | action_dim, n | u32, u32 | episode |
+//! | observation_dim, action_dim, n | u32, u32, u32 | episode |
 //! | columns of `transition::Batch` in the order of its fields | f32 × n × width | episode |
 //! | version, n, outcomes | u64, u32, 113 bytes each | evaluation |
 //!
@@ -16,16 +16,16 @@
 
 use herd_common::caps;
 use herd_common::episode::{Counts, Ending, Fall, Outcome, Reward};
-use herd_common::spaces::OBSERVATION_DIM;
 use herd_common::transition::Batch;
 
 /// Layout of a record; it changes with every change of the table above.
-pub const FORMAT: u8 = 1;
+pub const FORMAT: u8 = 2;
 
 const EPISODE: u8 = 1;
 const EVALUATION: u8 = 2;
 const OUTCOME_BYTES: usize = 1 + 8 + 8 + 4 * 8 + 3 * 8 + 5 * 8;
-/// Wider actions than any task has.
+/// Wider observations and actions than any task has.
+const OBSERVATION_DIM_MAX: usize = 1024;
 const ACTION_DIM_MAX: usize = 64;
 
 /// An episode that is part of the run.
@@ -111,7 +111,7 @@ impl Record {
         let mut reader = Reader { rest: bytes };
         let format = reader.u8("format")?;
         if format != FORMAT {
-            return Err(Error::Field { what: "format", found: format.into(), expected: "1" });
+            return Err(Error::Field { what: "format", found: format.into(), expected: "2" });
         }
         let record = match reader.u8("kind")? {
             EPISODE => Self::Episode(decode_committed(&mut reader)?),
@@ -128,9 +128,11 @@ fn encode_committed(committed: &Committed, bytes: &mut Vec<u8>) {
     bytes.extend_from_slice(&version.to_le_bytes());
     bytes.extend_from_slice(&sigma.to_le_bytes());
     encode_outcome(outcome, bytes);
-    bytes.extend_from_slice(&(transitions.action_dim as u32).to_le_bytes());
-    bytes.extend_from_slice(&(transitions.len() as u32).to_le_bytes());
-    let Batch { action_dim: _, observations, actions, rewards, discounts, next_observations } = transitions;
+    for count in [transitions.observation_dim, transitions.action_dim, transitions.len()] {
+        bytes.extend_from_slice(&(count as u32).to_le_bytes());
+    }
+    let Batch { observation_dim: _, action_dim: _, observations, actions, rewards, discounts, next_observations } =
+        transitions;
     for column in [observations, actions, rewards, discounts, next_observations] {
         encode_floats(column, bytes);
     }
@@ -141,15 +143,17 @@ fn decode_committed(reader: &mut Reader<'_>) -> Result<Committed, Error> {
     let version = reader.u64("version")?;
     let sigma = reader.f32("sigma")?;
     let outcome = decode_outcome(reader)?;
+    let observation_dim = reader.count("observation length", OBSERVATION_DIM_MAX, "at most 1024")?;
     let action_dim = reader.count("action length", ACTION_DIM_MAX, "at most 64")?;
     let n = reader.count("number of transitions", caps::TRANSITIONS_PER_EPISODE, "at most 10000")?;
     let transitions = Batch {
+        observation_dim,
         action_dim,
-        observations: reader.floats("observations", n * OBSERVATION_DIM)?,
+        observations: reader.floats("observations", n * observation_dim)?,
         actions: reader.floats("actions", n * action_dim)?,
         rewards: reader.floats("rewards", n)?,
         discounts: reader.floats("discounts", n)?,
-        next_observations: reader.floats("next observations", n * OBSERVATION_DIM)?,
+        next_observations: reader.floats("next observations", n * observation_dim)?,
     };
     Ok(Committed { episode, version, sigma, outcome, transitions })
 }
@@ -309,15 +313,16 @@ pub(super) mod tests {
     /// Any record, NaN and infinities included.
     pub(in super::super) fn record() -> impl Strategy<Value = Record> {
         let floats = |n| prop::collection::vec(any::<u32>().prop_map(f32::from_bits), n);
-        let batch = (0..5_usize, 0..13_usize).prop_flat_map(move |(n, action_dim)| {
+        let batch = (0..5_usize, 0..13_usize, 0..60_usize).prop_flat_map(move |(n, action_dim, observation_dim)| {
             let columns = (
-                floats(n * OBSERVATION_DIM),
+                floats(n * observation_dim),
                 floats(n * action_dim),
                 floats(n),
                 floats(n),
-                floats(n * OBSERVATION_DIM),
+                floats(n * observation_dim),
             );
             columns.prop_map(move |(observations, actions, rewards, discounts, next_observations)| Batch {
+                observation_dim,
                 action_dim,
                 observations,
                 actions,
@@ -395,7 +400,7 @@ pub(super) mod tests {
         };
         let bytes = bytes_of(&Record::Evaluation { version: 258, outcomes: vec![outcome] });
         assert_eq!(bytes.len(), 2 + 8 + 4 + OUTCOME_BYTES);
-        assert_eq!(bytes[..15], [1, 2, 2, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 3]);
+        assert_eq!(bytes[..15], [2, 2, 2, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 3]);
         assert_eq!(bytes[23..31], 1.5_f64.to_le_bytes());
     }
 

@@ -1,6 +1,7 @@
 //! Why a message about a lease is refused, told with both sides: what was claimed and what the ledger holds.
 
 use super::lease::Claim;
+use herd_common::spaces::Dims;
 use herd_common::{caps, transition};
 
 /// A message that changed nothing.
@@ -62,13 +63,16 @@ pub enum Reason {
         /// Transitions in the message.
         found: u64,
     },
-    /// Actions of another task.
-    #[error("actions have {found} numbers, expected {expected}")]
-    ActionDim {
-        /// Length of one action in the message.
-        found: usize,
-        /// Length in this task.
-        expected: usize,
+    /// Observations or actions of another task.
+    #[error(
+        "observations and actions have {} and {} numbers, expected {} and {}",
+        found.observation, found.action, expected.observation, expected.action
+    )]
+    Dims {
+        /// Lengths in the message.
+        found: Dims,
+        /// Lengths in this task.
+        expected: Dims,
     },
     /// Transitions whose shapes or numbers are wrong.
     #[error(transparent)]

@@ -2,6 +2,7 @@
 
 use super::Context;
 use crate::trainer::command::{Command, Newcomer, Notice};
+use herd_common::spaces::Dims;
 use herd_common::{caps, hash};
 use herd_proto::v1::actor_message::Message as FromActor;
 use herd_proto::v1::learner_message::Message as ToActor;
@@ -114,7 +115,7 @@ async fn forward_notices(
 /// Reads an actor's messages until its stream ends; a bad one is refused by name and the stream goes on.
 async fn receive(mut inbound: Streaming<v1::ActorMessage>, actor: u64, over: CancellationToken, context: Context) {
     let mut refusals = 0;
-    let action_dim = context.config.task.kind.action_dim();
+    let dims = context.config.task.kind.dims();
     loop {
         let next = tokio::select! {
             next = tokio::time::timeout(caps::ACTOR_SILENCE, inbound.message()) => next,
@@ -123,7 +124,7 @@ async fn receive(mut inbound: Streaming<v1::ActorMessage>, actor: u64, over: Can
             () = context.shutdown.cancelled() => break,
         };
         let Ok(Ok(Some(v1::ActorMessage { message: Some(message) }))) = next else { break };
-        let command = to_command(actor, message, action_dim).unwrap_or_else(|refusal| {
+        let command = to_command(actor, message, dims).unwrap_or_else(|refusal| {
             tracing::warn!(actor, work = %refusal.0, reason = refusal.2, "refused a message");
             refusals += 1;
             Command::Reject { actor, work: refusal.0, attempt: refusal.1, reason: refusal.2 }
@@ -138,7 +139,7 @@ async fn receive(mut inbound: Streaming<v1::ActorMessage>, actor: u64, over: Can
 /// The work, attempt and reason of a message that breaks the contract.
 type Refusal = (herd_common::work::Work, u32, String);
 
-fn to_command(actor: u64, message: FromActor, action_dim: usize) -> Result<Command, Refusal> {
+fn to_command(actor: u64, message: FromActor, dims: Dims) -> Result<Command, Refusal> {
     use herd_common::work::Work;
     let about = |work: Option<&v1::WorkItem>, attempt: u32| {
         let work = convert::work_from_wire(work);
@@ -147,7 +148,7 @@ fn to_command(actor: u64, message: FromActor, action_dim: usize) -> Result<Comma
     match message {
         FromActor::Transitions(piece) => {
             let (work, attempt) = about(piece.work.as_ref(), piece.attempt)?;
-            let batch = convert::transitions_from_wire(&piece, action_dim);
+            let batch = convert::transitions_from_wire(&piece, dims);
             let batch = batch.map_err(|error| (work, attempt, error.to_string()))?;
             Ok(Command::Transitions { actor, work, attempt, first: piece.first, batch })
         }

@@ -23,7 +23,6 @@ use crate::shelf::Shelf;
 use herd_common::config::Config;
 use herd_common::policy::{Policy, Provenance};
 use herd_common::seed::Seed;
-use herd_common::spaces::OBSERVATION_DIM;
 use herd_common::status::Time;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
@@ -187,7 +186,8 @@ struct Known {
 }
 
 fn read_known(config: &Config, journal: &mut Journal, until: Position) -> Result<Known, Error> {
-    let replay = Replay::new(config.ddpg.replay_capacity, OBSERVATION_DIM, config.task.kind.action_dim());
+    let dims = config.task.kind.dims();
+    let replay = Replay::new(config.ddpg.replay_capacity, dims.observation, dims.action);
     let mut known = Known { commits: Commits::default(), evaluated: None, replay };
     for record in journal.replay_from(Position::START)?.take(until.sequence as usize) {
         match record? {
@@ -227,6 +227,6 @@ fn rules(config: &Config) -> Rules {
         evaluation_every: config.evaluation.every_episodes,
         evaluation_episodes: config.evaluation.episodes,
         exploration: config.exploration.clone(),
-        action_dim: config.task.kind.action_dim(),
+        dims: config.task.kind.dims(),
     }
 }
