@@ -200,8 +200,9 @@ mod tests {
             let foot = place(foot.expect("a foot"), &angle);
             assert!((foot - model.geometry.foot_in_body(leg, &q)).norm() < 1e-12, "{name} {foot}");
             for (link, (part, _)) in model.links.iter().zip(LINKS) {
-                let body = all(&document, "body").into_iter();
-                let body = body.filter(|node| node.attribute("name") == Some(&format!("{name}_{part}"))).next_back();
+                let named = format!("{name}_{part}");
+                let mut bodies = all(&document, "body").into_iter();
+                let body = bodies.rfind(|node| node.attribute("name") == Some(&named));
                 let inertial = body.and_then(|node| node.children().find(|node| node.has_tag_name("inertial")));
                 let centre = place(inertial.expect("an inertial"), &angle);
                 assert!((centre - posture.position(link.centre)).norm() < 1e-12, "{name} {part} {centre}");

@@ -140,7 +140,9 @@ mod tests {
                 Ask::Reset(_) => {}
                 Ask::AddVelocity(change) => world.add_velocity(&(*change).into()),
                 Ask::Tick { torques, push } => {
-                    push.iter().for_each(|force| world.push(&(*force).into(), 1));
+                    if let Some(force) = push {
+                        world.push(&(*force).into(), 1);
+                    }
                     world.tick(&legs(torques));
                 }
             }
