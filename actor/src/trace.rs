@@ -52,8 +52,8 @@ pub fn record(config: &Config, seed: Seed, act: &mut dyn FnMut(&Observation) -> 
     Trace { start, ticks, outcome: env.outcome() }
 }
 
-/// Replays torques (N·m), each held for `hold_ticks` of this configuration's ticks, from this state on, on level ground, without feedback.
-/// Gives one record a hold; its ground forces are means over the hold.
+/// Replays torques (N·m), each held for `hold_ticks` of this configuration's ticks, from this state on, on level ground,
+/// without feedback. Gives one record a hold; its ground forces are means over the hold.
 pub fn replay(config: &Config, start: &Snapshot, torques: &[[f64; 12]], hold_ticks: u32) -> Vec<Record> {
     let model = Model::new(&config.robot);
     let state = start.state();

@@ -3,7 +3,8 @@
 //! A gait is what is wanted; what a body and legs cannot do is cut here, so that no gait throws the robot over by itself.
 //! With v* the speed aimed at and v the faster of it and the measured one: v* follows `v_x`, kept between two speeds, with
 //! bounded acceleration; Δt is at most the longest stride over v; H is at least proportional to v; a foot advances in the
-//! first `1 − c v²` of its swing and then only sinks, since one that lands while it advances skids and brakes.
+//! first `1 − c v²` of its swing, 0.87 at least, and then only sinks, since one that lands while it advances skids and
+//! brakes. Lateral velocity and yaw rate are taken as they are asked for.
 //!
 //! The MPC is asked every `period_secs`, and at once when legs change their duty, so that no force is held by a leg
 //! that left the ground. Its answer is used in the tick that asked: there is no delay.
@@ -23,6 +24,8 @@ use herd_common::config::{Config, control, task};
 use herd_common::episode::Counts;
 use nalgebra::{Vector2, Vector3};
 
+/// Least share of a swing in which the foot advances.
+const SHORTEST_ADVANCE: f64 = 0.87;
 /// Distance from the centre at which a turn counts as speed, about that of a foot, m.
 const HALT_ARM_M: f64 = 0.15;
 
@@ -31,9 +34,6 @@ pub type Timer = fn() -> u64;
 
 /// Sees every question that the controller puts to its MPC.
 pub type Watcher = Box<dyn FnMut(&mpc::State, &[mpc::Step]) + Send>;
-
-/// Least share of a swing in which the foot advances.
-const SHORTEST_ADVANCE: f64 = 0.87;
 
 /// Drives one robot.
 pub struct Controller {

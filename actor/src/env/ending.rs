@@ -1,7 +1,7 @@
 //! When an episode is over: the limits whose breach is a fall, and numbers that are none.
 //!
 //! Height counts from the ground below the trunk. On a slope a trunk stands upright anywhere between level and parallel
-//! to the ground; its pitch counts from there. Yaw counts from the heading that the robot was told to take.
+//! to the ground, whichever way it looks; its roll and pitch count from there. Yaw counts from the heading that the robot was told to take.
 
 use crate::sim::{Contacts, Ground, RobotState};
 use herd_common::config::task;
@@ -20,12 +20,15 @@ pub(super) fn of(
         return Some(Ending::Diverged);
     }
     let angles = state.angles();
-    // Uphill, a trunk parallel to the ground has its nose up: a negative pitch.
-    let parallel = -ground.slope_rad();
-    let pitch = angles.y - angles.y.clamp(parallel.min(0.0), parallel.max(0.0));
+    // Seen from the trunk, the slope rises ahead and to the left by this much: parallel to it, the nose is up (a negative
+    // pitch) and the left side is up (a positive roll).
+    let (sin, cos) = angles.z.sin_cos();
+    let rise = ground.slope_rad().tan();
+    let roll = beyond(angles.x, (-rise * sin).atan());
+    let pitch = beyond(angles.y, -(rise * cos).atan());
     let height = state.position.z - ground.height(state.position.x, state.position.y);
     [
-        (angles.x.abs() > limits.roll_rad, Fall::Roll),
+        (roll.abs() > limits.roll_rad, Fall::Roll),
         (pitch.abs() > limits.pitch_rad, Fall::Pitch),
         (wrapped(angles.z - heading).abs() > limits.yaw_rad, Fall::Yaw),
         (height < limits.height_m, Fall::Height),
@@ -34,6 +37,11 @@ pub(super) fn of(
     ]
     .into_iter()
     .find_map(|(broken, fall)| broken.then_some(Ending::Fell(fall)))
+}
+
+/// What of an angle lies outside level … parallel, rad.
+fn beyond(angle: f64, parallel: f64) -> f64 {
+    angle - angle.clamp(parallel.min(0.0), parallel.max(0.0))
 }
 
 /// The angle within half a turn of zero, rad.
@@ -117,5 +125,34 @@ mod tests {
         check(-slope - 0.36, 0.18, Some(Ending::Fell(Fall::Pitch)));
         check(0.36, 0.18, Some(Ending::Fell(Fall::Pitch)));
         check(0.0, 0.11, Some(Ending::Fell(Fall::Height)));
+    }
+
+    #[test]
+    fn a_trunk_parallel_to_the_slope_stands_whichever_way_it_looks() {
+        let slope = 20.5_f64.to_radians();
+        let ground = Ground::new(slope, 0.0, 0.0, Seed::from_number(1));
+        let limits = Config::default().task.ending;
+        for quarter in -2..=2 {
+            let yaw = f64::from(quarter) * TAU / 4.0;
+            let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -slope)
+                * UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+            let state = |rotation: UnitQuaternion<f64>| RobotState {
+                position: Vector3::new(0.0, 0.0, 0.18),
+                rotation,
+                velocity: Vector3::zeros(),
+                angular_velocity: Vector3::zeros(),
+                joints: [Vector3::zeros(); 4],
+                joint_speeds: [Vector3::zeros(); 4],
+            };
+            let of = |state: &RobotState| of(state, &Contacts::default(), &ground, yaw, &limits);
+            assert_eq!(of(&state(rotation)), None, "{quarter} quarter turns");
+            // Leaning as much beyond the slope as a limit allows is too much with what the slope has already.
+            let leaning = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -slope - 0.36);
+            let fallen = of(&state(leaning * UnitQuaternion::from_euler_angles(0.0, 0.0, yaw)));
+            assert!(
+                matches!(fallen, Some(Ending::Fell(Fall::Roll | Fall::Pitch))),
+                "{quarter} quarter turns: {fallen:?}"
+            );
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! What the robot measures of itself: its state with Gaussian noise on it, fresh at every tick.
 //!
-//! The position of the trunk is left exact: nothing measures it directly, and what controller and policy take from it
-//! would come from the legs, whose angles carry noise here.
+//! The position of the trunk is left exact, and its height is that over the true ground below it: on steps and bumps a
+//! policy knows a little more than a robot's legs could tell. The controller takes heights from the legs, see `terrain`.
 
 use crate::sim::RobotState;
 use herd_common::seed::Seed;

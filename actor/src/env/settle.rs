@@ -1,7 +1,7 @@
 //! The start of an episode: a robot spawned just above the ground, settled on its legs, then jostled by its seed.
 //!
-//! On a slope it starts parallel to the ground. While it settles, joint PD holds the drawn stance and each foot's part of the weight is fed forward to it. What the
-//! seed draws, in this order: yaw, twelve joint angles, velocity along x and y.
+//! On a slope it starts parallel to the ground. While it settles, joint PD holds the drawn stance and each foot's part of
+//! the weight is fed forward to it. What the seed draws, in this order: yaw, twelve joint angles, velocity along x and y.
 
 use crate::control::Body;
 use crate::robot::{Leg, Model};

@@ -10,15 +10,15 @@
 //! | ω*     | yaw rate asked for                                     | rad/s |
 //! | h      | hip from the centre of mass                            | m    |
 //!
-//! Seen from below the hip at touchdown, in the frame of the heading: `v Δt/2 + κ (v − v*) / (ω sinh ωΔt) + trim`. The first term is
-//! the neutral point of a running machine (Raibert 1986): the centre of mass passes over the foot at half stance.
-//! The second, with κ = 1, is what a point mass on a massless pole needs to have v* after this one stance; less is gentler,
-//! and the MPC does its part. S enters as
-//! the trim, `½ (S − v* Δt)` within bounds: a stride that fits the speed has none; a longer one puts the feet ahead and
-//! brakes, a shorter one lets the trunk run ahead of its feet. Hips are taken as placed about the centre of mass, which is
-//! what the feet have to carry, not about the trunk's origin. The bounds keep a stride that contradicts the speed from
-//! tripping the robot. A robot that turns moves its hips by `ω* × h` on top, so that term is `(v + ω* × h) Δt/2`. Offsets
-//! from the hip are limited to what a leg can reach.
+//! Seen from below the hip at touchdown, in the frame of the heading: `v Δt/2 + κ (v − v*) / (ω sinh ωΔt) + trim`. The
+//! first term is the neutral point of a running machine (Raibert 1986): the centre of mass passes over the foot at half
+//! stance. The second, with κ = 1, is what a point mass on a massless pole needs to have v* after this one stance; less is
+//! gentler, and the MPC does its part. S enters as the trim, `½ (S − v* Δt)` within bounds, with the Δt that the step really
+//! takes: a stride that fits the speed has none; a longer one puts the feet ahead and brakes, a shorter one lets the trunk
+//! run ahead of its feet. Hips are taken as placed about the centre of mass, which is what the feet have to carry, not about
+//! the trunk's origin. The bounds keep a stride that contradicts the speed from tripping the robot. A robot that turns moves
+//! its hips by `ω* × h` on top, so that term is `(v + ω* × h) Δt/2`. Offsets from the hip are limited to what a leg can
+//! reach.
 
 use crate::robot::{GRAVITY, Geometry, Leg};
 use herd_common::config::control;

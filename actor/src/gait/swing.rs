@@ -8,8 +8,9 @@
 //! | b(s)   | lift, 0 to 1 at s = ½ and back: `2s − sin(4πs)/2π`, mirrored after mid-swing | 1 |
 //! | H      | apex                                 | m    |
 //!
-//! Position is `from + (to − from) c(min(s/σ, 1)) + H b(s) ẑ`; σ = 1 is the paper's. Velocity and acceleration vanish at both ends in the world frame,
-//! so a foot leaves and meets the ground without scuffing. The eq 15 that is printed ends its height at H.
+//! Position is `from + (to − from) c(min(s/σ, 1)) + H b(s) ẑ`; σ = 1 is the paper's. Velocity and acceleration vanish at
+//! both ends in the world frame, so a foot leaves and meets the ground without scuffing. The eq 15 that is printed ends its
+//! height at H.
 
 use nalgebra::Vector3;
 use std::f64::consts::{PI, TAU};

@@ -13,7 +13,7 @@ use herd_common::seed::Seed;
 use nalgebra::Vector3;
 use rand::RngExt;
 
-/// Distance from the start at which bumps and steps end, m: no robot comes further in an episode of 10 s.
+/// Distance from the start at which bumps and steps end, m: no robot comes further in the default episode of 10 s.
 pub(super) const REACH_X: f64 = 30.0;
 /// The same to either side, m.
 pub(super) const REACH_Y: f64 = 4.0;

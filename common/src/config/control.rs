@@ -126,7 +126,7 @@ impl Config {
         check("control.gait.foothold_clamp_m", self.gait.foothold_clamp_m, 0.0..=0.25)?;
         check("control.gait.touchdown_depth_m", self.gait.touchdown_depth_m, 0.0..=0.05)?;
         check("control.gait.stride_trim_m", self.gait.stride_trim_m, 0.0..=0.25)?;
-        check("control.gait.stride_max_m", self.gait.stride_max_m, 0.0..=1.0)?;
+        check("control.gait.stride_max_m", self.gait.stride_max_m, 0.05..=1.0)?;
         check("control.gait.position_clamp_m", self.gait.position_clamp_m, 0.0..=1.0)?;
         check("control.gait.position_gain", self.gait.position_gain, 0.0..=50.0)?;
         check_span("control.gait.speed_mps", self.gait.speed_mps, -5.0..=5.0)?;

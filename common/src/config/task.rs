@@ -106,11 +106,11 @@ pub struct Reward {
 pub struct Ending {
     /// Largest |roll|, rad.
     pub roll_rad: f64,
-    /// Largest |pitch|, rad.
+    /// Largest |pitch| beyond what lies between level and parallel to the ground, rad.
     pub pitch_rad: f64,
-    /// Largest |yaw|, rad.
+    /// Largest |yaw| from the heading asked for, which is 0 but for commands, rad.
     pub yaw_rad: f64,
-    /// Lowest trunk height, m.
+    /// Lowest trunk height over the ground, m.
     pub height_m: f64,
 }
 
