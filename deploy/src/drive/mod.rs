@@ -23,13 +23,13 @@ herd asks, one JSON line each; the other program answers each but the last with 
   {\"reset\":{\"position\":[3],\"quaternion\":[4],\"joints\":[12]}}   start from this pose, at rest
   {\"tick\":{\"torques\":[12],\"push\":[3]}}                        simulate sim.tick_secs; push (N) only if there is one
   {\"add_velocity\":[3]}                                         add to the trunk's velocity
-  {\"observe\":[56]}                                             what the policy would see; answer {\"action\":[n]}
+  {\"observe\":[56 or 59]}                                       what the policy would see; answer {\"action\":[n]}
   {\"end\":{\"outcome\":{...},\"figures\":{...}}}                    the episode is over
 All other answers are the robot as it is then:
   {\"position\":[3],\"quaternion\":[4],\"velocity\":[3],\"angular_velocity\":[3],\"joints\":[12],\"joint_speeds\":[12],
    \"normal\":[4],\"friction\":[4],\"trunk\":false,\"knee\":false}
 World frame, z up, ground at z = 0; quaternion w x y z; m, m/s, rad, rad/s, N·m, N; joints FL FR RL RR, each hip roll, hip
-pitch, knee; forces are means over the tick. tests/sim2sim/drive.py drives MuJoCo so.")]
+pitch, knee; forces are means over the tick. tests/sim2sim/closed_loop.py drives MuJoCo so.")]
 pub(crate) struct Args {
     #[command(flatten)]
     walker: WalkerArgs,

@@ -78,7 +78,7 @@ pub(crate) struct Args {
 #[derive(clap::Args)]
 struct SuiteArgs {
     /// Try slopes, bumps, steps, payload, little grip, noise, delay and pushes from all sides, and speeds for a gait.
-    #[arg(long, conflicts_with_all = ["speeds", "grid"])]
+    #[arg(long, conflicts_with_all = ["speeds", "grid", "commands"])]
     suite: bool,
     /// Suite: at most 4 episodes a case and 2 phases a push.
     #[arg(long, requires = "suite")]

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 Examples:
   herd export policy --run-dir runs/first --out policy.onnx
   herd export policy --policy runs/first/policy.safetensors --out policy.onnx
-Input `observation` [batch, 56], scaled as `herd config --observation` says and clipped to [-1, 1]; output `action`
+Input `observation` [batch, 56, or 59 for commands], scaled as `herd config --observation` says and clipped to [-1, 1]; output `action`
 [batch, n] in [-1, 1]. The golden vectors go to policy.golden.json.")]
 pub(crate) struct Args {
     #[command(flatten)]

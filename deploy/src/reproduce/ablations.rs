@@ -1,4 +1,4 @@
-//! What each part of the default learner does: one table of trainings that differ from it in a few keys.
+//! The default learner with one part changed: one table of trainings that differ from it in a few keys.
 //!
 //! A further part gets a further line in `TABLE`; nothing else has to know of it.
 

@@ -1,7 +1,8 @@
 //! How many episodes a run needs for as many transitions as another had, found in rounds.
 //!
 //! A run counts episodes, and how long they get shows only as it learns. So it is made longer round by round: each goal
-//! is a function of the episodes committed so far, hence the same for equal runs, however often they were interrupted.
+//! is a function of the episodes committed so far, hence the same for equal runs, however often they were interrupted,
+//! unless a round that grew far beyond the budget had to be broken off.
 
 /// Least episodes of the first round; else so many that they hold the budget if each lasts as long as it can.
 const FIRST: u64 = 16;

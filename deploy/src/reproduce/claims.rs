@@ -174,7 +174,7 @@ impl Court<'_> {
             self.claim(
                 "Group_1 earns this many times what Group_0 does, after as many transitions",
                 format!("{:.2}", paper::RATIO),
-                self.tell(|f| f.gait.value / f.torque.value, |x| format!("{x:.2}")),
+                multiples(&self.figures(|f| f.gait.value), &self.figures(|f| f.torque.value), |x| format!("{x:.2}")),
                 |f| Some(beats(f.gait.value, f.torque.value)),
             ),
         ]
@@ -250,8 +250,20 @@ impl Court<'_> {
     }
 
     fn tell(&self, of: impl Fn(&Facts) -> f64, tell: impl Fn(f64) -> String) -> String {
-        spread(&self.0.iter().map(of).collect::<Vec<_>>(), tell)
+        spread(&self.figures(of), tell)
     }
+
+    fn figures(&self, of: impl Fn(&Facts) -> f64) -> Vec<f64> {
+        self.0.iter().map(of).collect()
+    }
+}
+
+/// How many times the second figure each first one is; of a loss there is no multiple.
+pub(super) fn multiples(gait: &[f64], torque: &[f64], tell: impl Fn(f64) -> String) -> String {
+    if torque.iter().any(|torque| *torque <= 0.0) {
+        return "–".to_owned();
+    }
+    spread(&gait.iter().zip(torque).map(|(gait, torque)| gait / torque).collect::<Vec<_>>(), tell)
 }
 
 /// The median of some figures, and their ends where they differ.
@@ -325,6 +337,8 @@ mod tests {
     #[test]
     fn spreads_read_well() {
         let tell = |x: f64| format!("{x:.0}");
+        assert_eq!(multiples(&[4.0, 9.0], &[2.0, 3.0], |x| format!("{x:.1}")), "2.5 (2.0 to 3.0)");
+        assert_eq!(multiples(&[4.0, 9.0], &[2.0, -3.0], tell), "–");
         assert_eq!(spread(&[3.0, 1.0, 2.0], tell), "2 (1 to 3)");
         assert_eq!((spread(&[2.0, 2.0], tell), spread(&[], tell)), ("2".to_owned(), "–".to_owned()));
     }

@@ -220,7 +220,7 @@ fn ablations(lacking: &[Lacking]) -> Option<Figure> {
     let panels = panels.collect();
     Some(Figure {
         name: "ablations",
-        title: "What each part of the default learner does".into(),
+        title: "The default learner with one part changed".into(),
         caption: format!("Training returns averaged over {WINDOW} episodes, as in Figure 7."),
         svg: Chart { panels }.to_svg(),
     })

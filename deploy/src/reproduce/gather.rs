@@ -108,6 +108,9 @@ pub(super) fn best<'a>(trained: impl Iterator<Item = &'a Trained>) -> Option<&'a
 }
 
 fn trained(settings: &Settings, training: &Training) -> anyhow::Result<Trained> {
+    if training.next_target(&settings.dir)?.is_some() {
+        return Err(missing(&format!("the rest of training {}", training.name), "gait,torque"));
+    }
     Ok(Trained {
         seed: training.seed,
         lines: history(&training.run_dir(&settings.dir))?,

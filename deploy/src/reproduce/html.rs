@@ -21,7 +21,7 @@ pub(super) fn page(report: &Report<'_>, figures: &[Figure]) -> String {
     body += &section("What it cost", &costs(report));
     if !report.ablations.is_empty() {
         let drawn = figures.iter().filter(|figure| figure.name == ABLATIONS).map(drawing).collect::<String>();
-        body += &section("What each part of the default learner does", &(ablations(report) + &drawn));
+        body += &section("The default learner with one part changed", &(ablations(report) + &drawn));
     }
     body += &section("How it was done", &method(report));
     format!(
@@ -45,10 +45,12 @@ fn lead(report: &Report<'_>) -> String {
     let version = if settings.quick { " This is the small version: few episodes, so read it as a sketch." } else { "" };
     let text = format!(
         "Group_1 is DDPG planning gaits over an MPC, Group_0 is DDPG on joint torques; both were trained from scratch \
-         with {} seeds, Group_1 for {} episodes, Group_0 for as many transitions. Of {} claims that can be checked, \
+         with {} seeds, Group_1 for {} episodes each, Group_0 for as many transitions. Of {} claims that can be checked, \
          {held} hold on every seed.{version}",
         settings.seeds.len(),
-        count(settings.episodes),
+        claims::spread(&report.group_1.iter().map(|run| run.cost.episodes as f64).collect::<Vec<_>>(), |x| count(
+            x as u64
+        )),
         told,
     );
     paragraph(&text)
@@ -91,10 +93,8 @@ fn readings(report: &Report<'_>) -> String {
         };
         let (gait, torque) = (of(|facts| &facts.gait), of(|facts| &facts.torque));
         let on = gait.iter().zip(&torque).filter(|(gait, torque)| claims::beats(**gait, **torque)).count();
-        let ratios: Vec<f64> = gait.iter().zip(&torque).map(|(gait, torque)| gait / torque).collect();
         let tell = |figures: &[f64]| claims::spread(figures, |x| format!("{x:.1}"));
-        // Of a loss there is no multiple.
-        let ratio = if torque.iter().all(|torque| *torque > 0.0) { tell(&ratios) } else { "–".to_owned() };
+        let ratio = claims::multiples(&gait, &torque, |x| format!("{x:.1}"));
         vec![name.to_owned(), tell(&gait), tell(&torque), ratio, format!("{on} of {}", gait.len())]
     });
     let head = ["eq 10 is", "Group_1", "Group_0", "ratio", "seeds on which Group_1 is 45 % above"];
@@ -131,9 +131,9 @@ fn beside_constant(report: &Report<'_>) -> String {
 /// How Group_1 fares against the best constant gait, in a sentence.
 pub(super) fn against_constant(report: &Report<'_>) -> String {
     let constant = &report.constant.evaluation.value;
-    let ends = |interval: &Interval| {
-        (interval.mean - interval.half.unwrap_or(0.0), interval.mean + interval.half.unwrap_or(0.0))
-    };
+    // One episode tells nothing of the spread, so nothing can be told apart by it.
+    let half = |interval: &Interval| interval.half.unwrap_or(f64::INFINITY);
+    let ends = |interval: &Interval| (interval.mean - half(interval), interval.mean + half(interval));
     let (low, high) = ends(constant);
     let of = |holds: &dyn Fn((f64, f64)) -> bool| {
         report.group_1.iter().filter(|run| holds(ends(&run.evaluation.value))).count()

@@ -71,7 +71,7 @@ impl Settings {
                 repeats: full(1, 3) as usize,
             },
             actors: args.actors,
-            ablation_seeds: distinct(args.ablation_seeds.as_deref().unwrap_or(&args.seeds[..1]), "--ablation-seeds")?,
+            ablation_seeds: among(&args.seeds, args.ablation_seeds.as_deref().unwrap_or(&args.seeds[..1]))?,
             stages,
             base,
         };
@@ -133,6 +133,17 @@ impl Settings {
             return Ok(());
         }
         write_whole(&file, self.base.to_toml().as_bytes())
+    }
+}
+
+/// The ablations' seeds: the default that they are put beside is trained with `seeds` only.
+fn among(seeds: &[u64], chosen: &[u64]) -> anyhow::Result<Vec<u64>> {
+    match chosen.iter().find(|seed| !seeds.contains(seed)) {
+        Some(stranger) => {
+            let expected = format!("--ablation-seeds has {stranger}, expected only seeds of --seeds {seeds:?}");
+            Err(Failure::usage(expected).into())
+        }
+        None => distinct(chosen, "--ablation-seeds"),
     }
 }
 

@@ -18,8 +18,8 @@ use rand::{Rng, RngExt};
 const LEAST_SURPRISE: f32 = 1e-3;
 /// The whole number that stands for p = 1.
 const UNIT: f64 = (1_u64 << 20) as f64;
-/// Largest priority: sums over 2²³ such transitions still fit.
-const LARGEST: f64 = (1_u64 << 40) as f64;
+/// Largest priority: sums over the 10⁸ transitions that a memory may hold stay below 2⁶³.
+const LARGEST: f64 = (1_u64 << 36) as f64;
 
 /// Surprises of the transitions that a replay memory holds.
 #[derive(Clone, Debug)]
