@@ -14,9 +14,9 @@ use super::kernels;
 use super::networks::{Network, Row};
 use candle_core::{CpuStorage, InplaceOp1, Layout, Result, bail};
 
-const BETA_1: f64 = 0.9;
-const BETA_2: f64 = 0.999;
-const EPSILON: f32 = 1e-8;
+pub(super) const BETA_1: f64 = 0.9;
+pub(super) const BETA_2: f64 = 0.999;
+pub(super) const EPSILON: f32 = 1e-8;
 /// Moments smaller than this become 0: numbers below f32's normal range take the slow path of the CPU.
 const SMALLEST_MOMENT: f32 = 1e-30;
 
@@ -45,10 +45,20 @@ pub(super) fn apply(network: &Network, norm: f32, step: Step) -> Result<()> {
     network.arena().inplace_op1(&Adam {
         parameters: network.parameters(),
         gradient_scale: if clip > 0.0 && norm > clip { clip / norm } else { 1.0 },
-        rate: (step.rate / (1.0 - power(BETA_1, step.count))) as f32,
-        root_scale: (1.0 / (1.0 - power(BETA_2, step.count)).sqrt()) as f32,
+        rate: corrected_rate(step.rate, step.count),
+        root_scale: root_scale(step.count),
         target_rate: step.target_rate.map(|rate| rate as f32),
     })
+}
+
+/// rate / (1 − β₁ᵗ)
+pub(super) fn corrected_rate(rate: f64, count: u64) -> f32 {
+    (rate / (1.0 - power(BETA_1, count))) as f32
+}
+
+/// 1 / √(1 − β₂ᵗ)
+pub(super) fn root_scale(count: u64) -> f32 {
+    (1.0 / (1.0 - power(BETA_2, count)).sqrt()) as f32
 }
 
 fn power(base: f64, exponent: u64) -> f64 {

@@ -5,8 +5,10 @@
 //! replay adds two tensors, see `priorities`.
 
 use super::error::Error;
-use super::networks::{Network, Row};
+use super::networks::{Network, Row, Span};
+use super::priorities::Priorities;
 use super::update::Ddpg;
+use herd_common::policy::Layer;
 use serde::{Deserialize, Serialize};
 
 /// One tensor of a snapshot.
@@ -48,65 +50,113 @@ pub struct Snapshot {
     pub records: Vec<Record>,
 }
 
+/// A network that can be read, wherever its tensors are.
+pub(super) trait Stored {
+    /// The weights and biases in order, input first.
+    fn spans(&self) -> &[Span];
+    /// The numbers of one of them.
+    fn read(&self, row: Row, span: &Span) -> candle_core::Result<Vec<f32>>;
+}
+
+impl Stored for Network {
+    fn spans(&self) -> &[Span] {
+        Self::spans(self)
+    }
+
+    fn read(&self, row: Row, span: &Span) -> candle_core::Result<Vec<f32>> {
+        Self::read(self, row, span)
+    }
+}
+
+/// The networks of a learner with their names in snapshots.
+pub(super) fn named<'a, N>(actor: &'a N, critics: &'a [N]) -> impl Iterator<Item = (String, &'a N)> {
+    let critics = critics.iter().enumerate().map(|(i, critic)| (format!("critic{i}"), critic));
+    std::iter::once(("actor".to_owned(), actor)).chain(critics)
+}
+
+/// All that a learner of these parts depends on.
+pub(super) fn save<'a, N: Stored + 'a>(
+    networks: impl Iterator<Item = (String, &'a N)>,
+    priorities: Option<&Priorities>,
+    mut counters: Counters,
+) -> Result<Snapshot, Error> {
+    let mut records = Vec::new();
+    for (name, network) in networks {
+        for row in Row::LASTING {
+            for span in network.spans() {
+                let name = format!("{name}.{}.{}", row.name(), span.name);
+                records.push(Record { name, shape: span.shape.clone(), values: network.read(row, span)? });
+            }
+        }
+    }
+    if let Some(priorities) = priorities {
+        records.extend(priorities.save());
+        counters.prioritised = priorities.seen();
+    }
+    Ok(Snapshot { counters, records })
+}
+
+/// What a snapshot holds for a learner of these parts: each network's lasting rows one after the other, and priorities.
+pub(super) fn parts<'a, N: Stored + 'a>(
+    snapshot: &Snapshot,
+    networks: impl Iterator<Item = (String, &'a N)>,
+    priorities: Option<&Priorities>,
+) -> Result<(Vec<Vec<f32>>, Option<Priorities>), Error> {
+    let mut records = snapshot.records.iter();
+    let mut arenas = Vec::new();
+    for (name, network) in networks {
+        let mut numbers = Vec::new();
+        for row in Row::LASTING {
+            for span in network.spans() {
+                let name = format!("{name}.{}.{}", row.name(), span.name);
+                numbers.extend_from_slice(expect(records.next(), &name, &span.shape)?);
+            }
+        }
+        arenas.push(numbers);
+    }
+    let priorities = match priorities {
+        None => None,
+        Some(priorities) => {
+            let missing = || Error::Snapshot { found: "no more tensors".into(), expected: "priorities".into() };
+            let [surprises, largest] = [records.next(), records.next()].map(|record| record.ok_or_else(missing));
+            Some(priorities.load(snapshot.counters.prioritised, surprises?, largest?)?)
+        }
+    };
+    if let Some(extra) = records.next() {
+        return Err(Error::Snapshot { found: describe(&extra.name, &extra.shape), expected: "no more tensors".into() });
+    }
+    Ok((arenas, priorities))
+}
+
+/// An actor as plain data, every number finite.
+pub(super) fn policy_layers(actor: &impl Stored) -> Result<Vec<Layer>, Error> {
+    let layer = |pair: &[Span]| -> Result<Layer, Error> {
+        let (inputs, outputs) = (pair[0].shape[0], pair[0].shape[1]);
+        let [weights, biases] = [&pair[0], &pair[1]].map(|span| actor.read(Row::Online, span));
+        let (weights, biases) = (weights?, biases?);
+        check_finite(&format!("actor.{}", pair[0].name), &weights)?;
+        check_finite(&format!("actor.{}", pair[1].name), &biases)?;
+        Ok(Layer { inputs, outputs, weights, biases })
+    };
+    actor.spans().chunks_exact(2).map(layer).collect()
+}
+
 impl Ddpg {
     /// All that the next update depends on, but for configuration, seed and replay memory.
     pub fn save(&self) -> Result<Snapshot, Error> {
-        let mut records = Vec::new();
-        for (name, network) in self.networks() {
-            for row in Row::LASTING {
-                for span in network.spans() {
-                    let name = format!("{name}.{}.{}", row.name(), span.name);
-                    records.push(Record { name, shape: span.shape.clone(), values: network.read(row, span)? });
-                }
-            }
-        }
-        let mut counters = self.counters;
-        if let Some(priorities) = &self.priorities {
-            records.extend(priorities.save());
-            counters.prioritised = priorities.seen();
-        }
-        Ok(Snapshot { counters, records })
+        save(named(&self.actor, &self.critics), self.priorities.as_ref(), self.counters)
     }
 
     /// Goes on where `snapshot` was taken. On an error nothing has changed.
     pub fn load(&mut self, snapshot: &Snapshot) -> Result<(), Error> {
-        let mut records = snapshot.records.iter();
-        let mut arenas = Vec::new();
-        for (name, network) in self.networks() {
-            let mut numbers = Vec::new();
-            for row in Row::LASTING {
-                for span in network.spans() {
-                    let name = format!("{name}.{}.{}", row.name(), span.name);
-                    numbers.extend_from_slice(expect(records.next(), &name, &span.shape)?);
-                }
-            }
-            arenas.push(numbers);
-        }
-        let priorities = match &self.priorities {
-            None => None,
-            Some(priorities) => {
-                let missing = || Error::Snapshot { found: "no more tensors".into(), expected: "priorities".into() };
-                let [surprises, largest] = [records.next(), records.next()].map(|record| record.ok_or_else(missing));
-                Some(priorities.load(snapshot.counters.prioritised, surprises?, largest?)?)
-            }
-        };
-        if let Some(extra) = records.next() {
-            return Err(Error::Snapshot {
-                found: describe(&extra.name, &extra.shape),
-                expected: "no more tensors".into(),
-            });
-        }
-        for ((_, network), numbers) in self.networks().zip(arenas) {
+        let networks = || named(&self.actor, &self.critics);
+        let (arenas, priorities) = parts(snapshot, networks(), self.priorities.as_ref())?;
+        for ((_, network), numbers) in networks().zip(arenas) {
             network.overwrite(&numbers)?;
         }
         self.counters = snapshot.counters;
         self.priorities = priorities;
         Ok(())
-    }
-
-    fn networks(&self) -> impl Iterator<Item = (String, &Network)> {
-        let critics = self.critics.iter().enumerate().map(|(i, critic)| (format!("critic{i}"), critic));
-        std::iter::once(("actor".to_owned(), &self.actor)).chain(critics)
     }
 }
 

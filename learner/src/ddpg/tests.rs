@@ -2,7 +2,7 @@
 
 use super::networks::Network;
 use super::networks::tests::{assert_close, recorded_forward, tensors, variables};
-use super::update::{Ddpg, Update};
+use super::update::{Ddpg, Update, smoothing};
 use super::{Error, kernels::Activation, losses, networks};
 use crate::replay::{Replay, Row};
 use candle_core::Tensor;
@@ -12,26 +12,26 @@ use herd_common::spaces::Dims;
 use herd_common::transition;
 use rand::RngExt;
 
-const DIMS: Dims = Dims { observation: 5, action: 2 };
-const PLAIN: [&str; 4] =
+pub(super) const DIMS: Dims = Dims { observation: 5, action: 2 };
+pub(super) const PLAIN: [&str; 4] =
     ["ddpg.twin_critic=false", "ddpg.actor_every=1", "ddpg.smoothing_sigma=0", "ddpg.open_box=false"];
-const TD3: [&str; 4] =
+pub(super) const TD3: [&str; 4] =
     ["ddpg.twin_critic=true", "ddpg.actor_every=2", "ddpg.smoothing_sigma=0.2", "ddpg.open_box=false"];
-const PRIORITISED: [&str; 4] =
+pub(super) const PRIORITISED: [&str; 4] =
     ["ddpg.priority_alpha=0.6", "ddpg.replay_capacity=200", "ddpg.open_box=true", "ddpg.smoothing_sigma=0.2"];
 
-fn config(sets: &[&str]) -> config::ddpg::Config {
+pub(super) fn config(sets: &[&str]) -> config::ddpg::Config {
     let small = ["ddpg.hidden=[32, 16]", "ddpg.batch_size=16", "ddpg.output_init=0.1"];
     let sets: Vec<String> = small.iter().chain(sets).map(|&set| set.to_owned()).collect();
     config::Config::default().overridden(&sets).expect("valid settings").ddpg
 }
 
-fn learner(sets: &[&str]) -> Ddpg {
+pub(super) fn learner(sets: &[&str]) -> Ddpg {
     Ddpg::new(&config(sets), DIMS, Seed::from_number(5)).unwrap()
 }
 
 /// Transitions whose every number is uniform in [−1, 1]; each fourth is a true ending.
-fn random_replay(n: usize, dims: Dims) -> Replay {
+pub(super) fn random_replay(n: usize, dims: Dims) -> Replay {
     let mut rng = Seed::from_number(6).rng();
     let mut column = |width: usize| (0..n * width).map(|_| rng.random_range(-1.0_f32..1.0)).collect();
     let mut replay = Replay::new(n, dims.observation, dims.action);
@@ -52,7 +52,7 @@ fn bits(ddpg: &Ddpg) -> Vec<u32> {
     ddpg.save().unwrap().records.iter().flat_map(|record| record.values.iter().map(|x| x.to_bits())).collect()
 }
 
-fn run(ddpg: &mut Ddpg, replay: &Replay, updates: usize) -> Vec<Update> {
+pub(super) fn run(ddpg: &mut Ddpg, replay: &Replay, updates: usize) -> Vec<Update> {
     (0..updates).map(|_| ddpg.update(replay).unwrap()).collect()
 }
 
@@ -139,7 +139,7 @@ fn targets_take_the_lower_critic_at_a_clipped_action() {
     }
 
     let noisy = learner(&["ddpg.smoothing_sigma=0.5", "ddpg.smoothing_clip=0.25"]);
-    let noise = noisy.smoothing(10_000, &mut Seed::from_number(1).rng());
+    let noise = smoothing(&noisy.config, 10_000, &mut Seed::from_number(1).rng());
     assert!(noise.iter().all(|x| x.abs() <= 0.25));
     // P(|N(0, 0.5)| > 0.25) = 0.617
     let clipped = noise.iter().filter(|x| x.abs() == 0.25).count();
@@ -251,7 +251,7 @@ fn actor_and_targets_move_every_other_update_in_td3() {
 
 /// A point on a line: observation x, action a, x′ = clip(x + .4 a, −1, 1), reward 1 − 4 (x′ − .5)². Leaving −.8 on the
 /// low side is a fall: it ends the episode. The optimum steps towards .5 and stays there.
-fn point_mass(n: usize) -> Replay {
+pub(super) fn point_mass(n: usize) -> Replay {
     let mut rng = Seed::from_number(11).rng();
     let mut batch = transition::Batch { action_dim: 1, ..Default::default() };
     for _ in 0..n {
@@ -307,22 +307,26 @@ fn an_actor_comes_back_sooner_from_the_end_of_an_open_box() {
 }
 
 /// The largest |action − optimum| over the line.
-fn point_mass_error(ddpg: &Ddpg) -> f32 {
+pub(super) fn point_mass_error(ddpg: &Ddpg) -> f32 {
     let error = |x: f32| (ddpg.act(&[x]).unwrap()[0] - ((0.5 - x) / 0.4).clamp(-1.0, 1.0)).abs();
     (-16_i16..=20).map(|i| error(f32::from(i) / 20.0)).fold(0.0, f32::max)
+}
+
+pub(super) fn point_mass_config(sets: &[&str]) -> config::ddpg::Config {
+    let learning = [
+        "ddpg.target_rate=0.02",
+        "ddpg.hidden=[64, 64]",
+        "ddpg.batch_size=64",
+        "ddpg.actor_rate=1e-3",
+        "ddpg.reward_scale=1.0",
+    ];
+    config(&[sets, &learning].concat())
 }
 
 #[test]
 fn both_algorithms_find_the_optimum_of_a_point_mass() {
     for sets in [PLAIN, TD3] {
-        let learning = [
-            "ddpg.target_rate=0.02",
-            "ddpg.hidden=[64, 64]",
-            "ddpg.batch_size=64",
-            "ddpg.actor_rate=1e-3",
-            "ddpg.reward_scale=1.0",
-        ];
-        let config = config(&[&sets[..], &learning].concat());
+        let config = point_mass_config(&sets);
         let mut ddpg = Ddpg::new(&config, Dims { observation: 1, action: 1 }, Seed::from_number(12)).unwrap();
         let replay = point_mass(3000);
         assert!(point_mass_error(&ddpg) > 0.8, "nothing to learn");

@@ -18,7 +18,7 @@ use super::losses;
 use super::networks::{Head, Network, Pass, Row};
 use super::optimizer::{Step, apply, norm};
 use super::priorities::{Draw, Priorities};
-use super::snapshot::Counters;
+use super::snapshot::{self, Counters};
 use crate::replay::Replay;
 use candle_core::{Device, Tensor};
 use herd_common::caps;
@@ -114,7 +114,7 @@ impl Ddpg {
     /// A loss or gradient that is not finite leaves all weights as they were; `caps::SKIPPED_UPDATES` of them in a row
     /// are an error.
     pub fn update(&mut self, replay: &Replay) -> Result<Update, Error> {
-        self.check(replay)?;
+        check(replay, self.dims)?;
         let mut rng = self.seed.child("update", self.counters.updates).rng();
         let draws = self.draw(replay, &mut rng)?;
         self.counters.updates += 1;
@@ -174,30 +174,7 @@ impl Ddpg {
 
     /// The actor as plain data, every number finite.
     pub fn policy_layers(&self) -> Result<Vec<Layer>, Error> {
-        let layer = |pair: &[super::networks::Span]| -> Result<Layer, Error> {
-            let (inputs, outputs) = (pair[0].shape[0], pair[0].shape[1]);
-            let [weights, biases] = [&pair[0], &pair[1]].map(|span| self.actor.read(Row::Online, span));
-            let (weights, biases) = (weights?, biases?);
-            super::snapshot::check_finite(&format!("actor.{}", pair[0].name), &weights)?;
-            super::snapshot::check_finite(&format!("actor.{}", pair[1].name), &biases)?;
-            Ok(Layer { inputs, outputs, weights, biases })
-        };
-        self.actor.spans().chunks_exact(2).map(layer).collect()
-    }
-
-    fn check(&self, replay: &Replay) -> Result<(), Error> {
-        if replay.is_empty() {
-            return Err(Error::EmptyReplay);
-        }
-        for (what, found, expected) in [
-            ("observations", replay.observation_dim(), self.dims.observation),
-            ("actions", replay.action_dim(), self.dims.action),
-        ] {
-            if found != expected {
-                return Err(Error::Dims { what, found, expected });
-            }
-        }
-        Ok(())
+        snapshot::policy_layers(&self.actor)
     }
 
     /// Losses and gradients for the batch; changes nothing that lasts.
@@ -228,7 +205,8 @@ impl Ddpg {
         self.actor.forward(Row::Target, &batch.next_observations()?, &self.actor_pass)?;
         let actions = self.actor_pass.output();
         if self.config.smoothing_sigma > 0.0 {
-            let noise = Tensor::from_vec(self.smoothing(actions.elem_count(), rng), actions.shape(), &Device::Cpu)?;
+            let noise =
+                Tensor::from_vec(smoothing(&self.config, actions.elem_count(), rng), actions.shape(), &Device::Cpu)?;
             batch.set_next_actions(&(actions + noise)?.clamp(-1.0_f32, 1.0_f32)?)?;
         } else {
             batch.set_next_actions(actions)?;
@@ -242,12 +220,6 @@ impl Ddpg {
         }
         let next_values = lowest.expect("there is at least one critic");
         Ok(losses::targets(batch.rewards(), batch.discounts(), &next_values)?)
-    }
-
-    /// Clipped Gaussian noise on target actions.
-    pub(super) fn smoothing(&self, count: usize, rng: &mut impl Rng) -> Vec<f32> {
-        let (sigma, clip) = (self.config.smoothing_sigma as f32, self.config.smoothing_clip as f32);
-        (0..count).map(|_| (sigma * rng.sample::<f32, _>(StandardNormal)).clamp(-clip, clip)).collect()
     }
 
     /// One critic's loss and gradient.
@@ -298,6 +270,27 @@ impl Ddpg {
         }
         Ok(())
     }
+}
+
+/// Refuses a memory of other spaces, or one without anything in it.
+pub(super) fn check(replay: &Replay, dims: Dims) -> Result<(), Error> {
+    if replay.is_empty() {
+        return Err(Error::EmptyReplay);
+    }
+    for (what, found, expected) in
+        [("observations", replay.observation_dim(), dims.observation), ("actions", replay.action_dim(), dims.action)]
+    {
+        if found != expected {
+            return Err(Error::Dims { what, found, expected });
+        }
+    }
+    Ok(())
+}
+
+/// Clipped Gaussian noise on target actions.
+pub(super) fn smoothing(config: &Config, count: usize, rng: &mut impl Rng) -> Vec<f32> {
+    let (sigma, clip) = (config.smoothing_sigma as f32, config.smoothing_clip as f32);
+    (0..count).map(|_| (sigma * rng.sample::<f32, _>(StandardNormal)).clamp(-clip, clip)).collect()
 }
 
 /// What one critic says about a minibatch.
