@@ -1,6 +1,6 @@
 //! A learner from start to end: open the run, listen, train, serve, leave everything tidy.
 
-use crate::ddpg::{self, Ddpg};
+use crate::ddpg::{self, Ddpg, Learner};
 use crate::export;
 use crate::history::epoch::{self, Epoch};
 use crate::run_dir::{self, RunDir, write_whole};
@@ -43,6 +43,9 @@ pub enum Error {
     /// The epoch.
     #[error(transparent)]
     Epoch(#[from] epoch::Error),
+    /// The device that the configuration asks for.
+    #[error(transparent)]
+    Device(ddpg::Error),
     /// The trainer.
     #[error(transparent)]
     Trainer(#[from] trainer::Error),
@@ -82,6 +85,7 @@ impl Error {
             self,
             Self::RunDir(run_dir::Error::Config(_) | run_dir::Error::Foreign { .. } | run_dir::Error::OtherRun { .. })
                 | Self::Exposed(_)
+                | Self::Device(_)
         )
     }
 
@@ -106,6 +110,7 @@ pub async fn run(options: Options, shutdown: CancellationToken) -> Result<Ended,
         return Err(Error::Exposed(options.listen));
     }
     let config = effective_config(Some(&options.run_dir), options.config_file.as_deref(), &options.sets)?;
+    Learner::check(&config.ddpg).map_err(Error::Device)?;
     let listener =
         TcpListener::bind(options.listen).await.map_err(|source| Error::Listen { address: options.listen, source })?;
     let dir = RunDir::open(&options.run_dir, &config)?;
@@ -167,16 +172,20 @@ pub fn peek(run_dir: &Path) -> Result<Option<Progress>, Error> {
     Ok(commits.map(|episodes| Progress { episodes, target: config.episodes }))
 }
 
-/// The policy that a run with this configuration starts from.
+/// The policy that a run with this configuration starts from; it is the same for every device.
 pub fn untrained_policy(config: &Config) -> Result<Policy, Error> {
-    let ddpg = new_ddpg(config).map_err(trainer::Error::from)?;
+    let ddpg = Ddpg::new(&config.ddpg, config.task.kind.dims(), seed(config)).map_err(trainer::Error::from)?;
     let provenance = Provenance { version: 0, run: config.run_name(), task_hash: config.task_hash() };
-    Ok(export::policy(&ddpg, provenance).map_err(trainer::Error::from)?)
+    Ok(export::policy(&Learner::Cpu(Box::new(ddpg)), provenance).map_err(trainer::Error::from)?)
 }
 
 /// The learner that a run with this configuration starts from.
-pub(crate) fn new_ddpg(config: &Config) -> Result<Ddpg, ddpg::Error> {
-    Ddpg::new(&config.ddpg, config.task.kind.dims(), Seed::from_number(config.seed).child("learner", 0))
+pub(crate) fn new_learner(config: &Config) -> Result<Learner, ddpg::Error> {
+    Learner::new(&config.ddpg, config.task.kind.dims(), seed(config))
+}
+
+fn seed(config: &Config) -> Seed {
+    Seed::from_number(config.seed).child("learner", 0)
 }
 
 /// The `address` file: there while a learner listens.

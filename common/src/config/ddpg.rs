@@ -3,10 +3,22 @@
 use super::{Error, check};
 use serde::{Deserialize, Serialize};
 
+/// Where updates are computed. Their bits differ from one to the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Device {
+    /// The thread that trains.
+    Cpu,
+    /// The first GPU that CUDA shows to the process.
+    Cuda,
+}
+
 /// DDPG (paper eqs 6–9) and the parts of TD3 that may be added to it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
+    /// What computes the updates.
+    pub device: Device,
     /// Widths of the hidden layers of actor and critic.
     pub hidden: Vec<usize>,
     /// Transitions of one update.

@@ -42,6 +42,14 @@ pub enum Error {
         /// Name and shape that belong there.
         expected: String,
     },
+    /// The configuration asks for a GPU that this program cannot use.
+    #[error(
+        "config: `ddpg.device` is \"cuda\", expected \"cpu\": this herd was built without the feature `cuda` (docs/gpu.md)"
+    )]
+    NoCuda,
+    /// There is no GPU, or its driver does not fit.
+    #[error("config: `ddpg.device` is \"cuda\", but no GPU can be used: {0}")]
+    Gpu(candle_core::Error),
     /// candle refused an operation: a mistake of the program.
     #[error("candle: {0}")]
     Candle(#[from] candle_core::Error),

@@ -6,10 +6,15 @@
 //!
 //! Bits: everything runs on the calling thread in a fixed order, and update k draws from `seed.child("update", k)`, so a
 //! learner's future is a function of its snapshot and of the replay memory.
+//!
+//! `device` takes the same steps on any candle device, a GPU for one, several of them at a time. [`Learner`] is the one
+//! that the configuration asks for.
 
 mod batch;
+mod device;
 mod error;
 mod kernels;
+mod learner;
 mod losses;
 mod networks;
 mod optimizer;
@@ -22,6 +27,8 @@ mod tile;
 mod update;
 
 pub use batch::Batch;
+pub use device::OnDevice;
 pub use error::Error;
+pub use learner::Learner;
 pub use snapshot::{Counters, Record, Snapshot};
 pub use update::{Ddpg, Update};

@@ -149,6 +149,11 @@ impl Network {
         &self.spans
     }
 
+    /// What follows the last layer's sum.
+    pub(super) fn activation(&self) -> Activation {
+        self.online.last().expect("a network has a layer").activation
+    }
+
     /// All rows in one tensor, `[COUNT · parameters]`.
     pub(super) fn arena(&self) -> &Tensor {
         &self.arena

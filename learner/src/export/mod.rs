@@ -7,7 +7,7 @@ mod onnx;
 
 pub use onnx::{Golden, golden, onnx};
 
-use crate::ddpg::{self, Ddpg};
+use crate::ddpg::{self, Learner};
 use herd_common::policy::{self, Policy, Provenance};
 
 /// Why there is no policy to export.
@@ -22,13 +22,14 @@ pub enum Error {
 }
 
 /// The current actor as a policy of this provenance; every number in it is finite.
-pub fn policy(ddpg: &Ddpg, provenance: Provenance) -> Result<Policy, Error> {
-    Ok(Policy::new(provenance, ddpg.policy_layers()?)?)
+pub fn policy(learner: &Learner, provenance: Provenance) -> Result<Policy, Error> {
+    Ok(Policy::new(provenance, learner.policy_layers()?)?)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ddpg::Ddpg;
     use herd_common::config::Config;
     use herd_common::seed::Seed;
     use herd_common::spaces::Task;
@@ -38,9 +39,10 @@ mod tests {
     fn the_policy_acts_as_the_network_does() {
         let sets = ["ddpg.output_init=0.1".to_owned()];
         let config = Config::default().overridden(&sets).expect("valid").ddpg;
-        let ddpg = Ddpg::new(&config, Task::Gait.dims(), Seed::from_number(1)).unwrap();
+        let ddpg = || Ddpg::new(&config, Task::Gait.dims(), Seed::from_number(1)).unwrap();
         let provenance = Provenance { version: 1, run: "run".into(), task_hash: "task".into() };
-        let policy = policy(&ddpg, provenance.clone()).unwrap();
+        let policy = policy(&Learner::Cpu(Box::new(ddpg())), provenance.clone()).unwrap();
+        let ddpg = ddpg();
         assert_eq!(policy.provenance, provenance);
         let mut rng = Seed::from_number(2).rng();
         for _ in 0..20 {

@@ -17,7 +17,7 @@ use crate::history::ledger::{Ledger, Rules};
 use crate::history::record::Record;
 use crate::metrics::Lines;
 use crate::replay::Replay;
-use crate::run::new_ddpg;
+use crate::run::new_learner;
 use crate::run_dir::{RunDir, write_whole};
 use crate::shelf::Shelf;
 use herd_common::config::Config;
@@ -54,7 +54,7 @@ impl Trainer {
         let position = checkpoint.as_ref().map_or(Position::START, |found| found.journal);
         let known = read_known(&config, &mut journal, position)?;
 
-        let mut ddpg = new_ddpg(&config)?;
+        let mut ddpg = new_learner(&config)?;
         if let (Some(checkpoint), Some(memo)) = (&checkpoint, &memo) {
             let record =
                 |t: &Tensor| ddpg::Record { name: t.name.clone(), shape: t.shape.clone(), values: t.values.clone() };

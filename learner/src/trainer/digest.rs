@@ -79,11 +79,12 @@ impl Trainer {
         });
     }
 
-    /// One update, or, when all are done, the publication of what was learned.
+    /// One update or a few, or, when all are done, the publication of what was learned.
     pub(super) fn digest_more(&mut self) -> Result<(), Error> {
         let Some(digest) = &self.digest else { return Ok(()) };
-        if self.ddpg.updates() < digest.until {
-            return self.update();
+        let due = digest.until.saturating_sub(self.ddpg.updates());
+        if due > 0 {
+            return self.update(due);
         }
         let Some(digest) = self.digest.take() else { return Ok(()) };
         let mut line = digest.line;
@@ -153,11 +154,13 @@ impl Trainer {
     }
 
     #[expect(clippy::disallowed_methods, reason = "how long updates take is shown to people and decides nothing")]
-    fn update(&mut self) -> Result<(), Error> {
+    fn update(&mut self, most: u64) -> Result<(), Error> {
         let begun = Instant::now();
-        let update = self.ddpg.update(&self.replay)?;
+        let updates = self.ddpg.learn(&self.replay, most)?;
         self.time.updates_secs += begun.elapsed().as_secs_f64();
-        self.note_losses(&update);
+        for update in &updates {
+            self.note_losses(update);
+        }
         Ok(())
     }
 

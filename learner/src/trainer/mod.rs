@@ -6,9 +6,10 @@
 //! Episodes that may be committed at the same time share one sync of the journal and are acknowledged together; they
 //! are learned from one by one, in order, so it makes no difference to the run how many there were.
 //!
-//! A turn does one small thing (an update, a commit, a publication), then looks at the commands again, so that neither
-//! learning nor the network starves the other. When commits are synced depends on the clock; what is learned from them,
-//! and in which order, does not in deterministic order: there the weights are a function of seed and configuration.
+//! A turn does one small thing (an update or what a GPU takes at once, a commit, a publication), then looks at the
+//! commands again, so that neither learning nor the network starves the other. When commits are synced depends on the
+//! clock; what is learned from them, and in which order, does not in deterministic order: there the weights are a
+//! function of seed and configuration.
 
 mod checkpointing;
 pub mod command;
@@ -17,7 +18,7 @@ mod reporting;
 mod seats;
 mod tally;
 
-use crate::ddpg::{self, Ddpg};
+use crate::ddpg::{self, Learner};
 use crate::history::checkpoint;
 use crate::history::epoch::{self, Epoch};
 use crate::history::journal::{self, Journal, Position};
@@ -93,7 +94,7 @@ pub struct Trainer {
     ledger: Ledger,
     journal: Journal,
     replay: Replay,
-    ddpg: Ddpg,
+    ddpg: Learner,
     tally: Tally,
     metrics: Lines,
     evaluations: Lines,
@@ -429,3 +430,6 @@ fn unix_nanos() -> u64 {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     since.map_or(0, |since| since.as_nanos() as u64)
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,111 @@
+//! A run that a device's trainer learns from, on candle's CPU, beside the one that the CPU's trainer learns from.
+
+use super::Trainer;
+use crate::ddpg::{Learner, OnDevice};
+use crate::history::epoch::Epoch;
+use crate::history::record::{Committed, Record};
+use crate::run_dir::RunDir;
+use crate::shelf::Shelf;
+use candle_core::Device;
+use herd_common::config::Config;
+use herd_common::episode::{Counts, Ending, Outcome, Reward};
+use herd_common::seed::Seed;
+use herd_common::spaces::{GAIT_ACTION_DIM, OBSERVATION_DIM, Task};
+use herd_common::transition::{Batch, Transition};
+use rand::RngExt;
+use std::path::Path;
+use std::sync::Arc;
+use tempfile::TempDir;
+use tokio::sync::watch;
+
+const TRANSITIONS: u64 = 40;
+
+fn config() -> Config {
+    let sets = ["ddpg.hidden=[32, 16]", "ddpg.batch_size=16", "ddpg.warmup_transitions=30", "ddpg.output_init=0.1"];
+    Config::default().overridden(&sets.map(str::to_owned)).unwrap()
+}
+
+fn restore(dir: &Path) -> Trainer {
+    let config = config();
+    let (dir, (shelf, _)) = (RunDir::open(dir, &config).unwrap(), watch::channel(Arc::new(Shelf::default())));
+    let epoch = Epoch::take(dir.root()).unwrap();
+    Trainer::restore(config, dir, epoch, shelf).unwrap()
+}
+
+fn commit(episode: u64) -> Committed {
+    let mut rng = Seed::from_number(episode).rng();
+    let mut numbers = || -> Vec<f32> { (0..OBSERVATION_DIM).map(|_| rng.random_range(-1.0..1.0)).collect() };
+    let mut transitions = Batch::new(Task::Gait.dims());
+    for _ in 0..TRANSITIONS {
+        let (observation, next_observation) = (numbers(), numbers());
+        transitions.push(Transition {
+            observation: &observation,
+            action: &next_observation[..GAIT_ACTION_DIM],
+            reward: observation[0],
+            discount: 0.95,
+            next_observation: &next_observation,
+        });
+    }
+    let outcome = Outcome {
+        ending: Ending::TimedOut,
+        decisions: TRANSITIONS,
+        seconds: 1.0,
+        reward: Reward::default(),
+        distance_m: 0.0,
+        roll_variance: 0.0,
+        pitch_variance: 0.0,
+        counts: Counts::default(),
+    };
+    Committed { episode, version: 0, sigma: 0.25, outcome, transitions }
+}
+
+/// Takes these commits in and learns from them.
+fn live(trainer: &mut Trainer, episodes: std::ops::Range<u64>) {
+    for episode in episodes {
+        let committed = commit(episode);
+        trainer.journal.append(&Record::Episode(committed.clone())).unwrap();
+        trainer.ledger.recommit(episode);
+        trainer.begin_digest(&committed, trainer.journal.position());
+        trainer.finish_digest().unwrap();
+    }
+}
+
+/// The lines of `metrics.jsonl`.
+fn metrics(dir: &Path) -> Vec<serde_json::Value> {
+    let text = std::fs::read_to_string(dir.join("metrics.jsonl")).unwrap();
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn a_run_on_a_device_is_the_run_but_for_its_last_bits() {
+    let (cpu, device) = (TempDir::new().unwrap(), TempDir::new().unwrap());
+    let mut trainer = restore(cpu.path());
+    live(&mut trainer, 0..4);
+    trainer.save_checkpoint().unwrap();
+
+    let mut trainer = restore(device.path());
+    let config = config();
+    let seed = Seed::from_number(config.seed).child("learner", 0);
+    let on_device = OnDevice::new(&config.ddpg, Task::Gait.dims(), seed, &Device::Cpu).unwrap();
+    trainer.ddpg = Learner::Device(Box::new(on_device));
+    live(&mut trainer, 0..3);
+    assert_eq!(trainer.ddpg.updates(), 3 * TRANSITIONS - 30);
+    trainer.save_checkpoint().unwrap();
+    drop(trainer);
+
+    // The CPU's trainer goes on from the device's checkpoint.
+    let mut trainer = restore(device.path());
+    assert_eq!((trainer.version(), trainer.ddpg.updates()), (3, 3 * TRANSITIONS - 30));
+    live(&mut trainer, 3..4);
+    trainer.save_checkpoint().unwrap();
+
+    let (expected, found) = (metrics(cpu.path()), metrics(device.path()));
+    assert_eq!((expected.len(), found.len()), (4, 4));
+    for (found, expected) in found.iter().zip(&expected) {
+        assert_eq!(found["updates"], expected["updates"]);
+        for loss in ["critic_loss", "actor_loss", "mean_value"] {
+            let [found, expected] = [found, expected].map(|line| line[loss].as_f64().expect("a loss"));
+            assert!((found - expected).abs() <= 1e-3 * expected.abs().max(1e-2), "{loss} {found}, {expected}");
+        }
+    }
+}
