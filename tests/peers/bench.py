@@ -134,11 +134,18 @@ def say(text):
     print(text, file=sys.stderr, flush=True)
 
 
+def environment(on_gpu):
+    """What herd and its peers are started with; GPUs are hidden from those that are not to use one."""
+    hidden = {"CUDA_VISIBLE_DEVICES"} if on_gpu else set()
+    return {**os.environ, **{name: value for name, value in ONE_THREAD.items() if name not in hidden}}
+
+
 class Bench:
     """One of herd's criterion benches, built once and run as often as there are rounds."""
 
-    def __init__(self, package, bench):
+    def __init__(self, package, bench, *features):
         command = ["cargo", "bench", "--locked", "-p", package, "--bench", bench, "--no-run"]
+        command += ["--features", ",".join(features)] if features else []
         built = subprocess.run(
             [*command, "--message-format=json"], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True
         )
@@ -148,7 +155,7 @@ class Bench:
         )
         self.home = ROOT / "target" / "peers" / f"{package}-{bench}"
 
-    def run(self, only, seconds, samples=30):
+    def run(self, only, seconds, samples=30, on_gpu=False):
         """Microseconds an iteration, for every sample of every bench whose name contains `only`.
 
         With as many samples as iterations fit into `seconds`, each is of one iteration, as a peer's are.
@@ -157,7 +164,7 @@ class Bench:
             [self.program, "--bench", only, "--warm-up-time", "0.5", "--measurement-time", str(seconds),
              "--sample-size", str(max(int(samples), 10)), "--nresamples", "1001"],
             check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            env={**os.environ, **ONE_THREAD, "CRITERION_HOME": str(self.home)},
+            env={**environment(on_gpu), "CRITERION_HOME": str(self.home)},
         )  # fmt: skip
         found = {}
         for path in self.home.glob("**/new/benchmark.json"):
@@ -171,10 +178,10 @@ class Bench:
 class Peer:
     """A peer in its own process, idle between rounds: `program` answers each line of input with a line of JSON."""
 
-    def __init__(self, *program, python=sys.executable):
+    def __init__(self, *program, python=sys.executable, on_gpu=False):
         self.words = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")
         self.process = subprocess.Popen(
-            [str(python), *map(str, program)], cwd=HERE, env={**os.environ, **ONE_THREAD}, text=True,
+            [str(python), *map(str, program)], cwd=HERE, env=environment(on_gpu), text=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.words,
         )  # fmt: skip
         self.ready = self.answer()
@@ -202,6 +209,12 @@ class Peer:
             self.process.stdin.close()
         self.process.wait()
         self.words.close()
+
+
+def refuse(why):
+    """Ends a peer that cannot take part, with its reason for the table."""
+    print(json.dumps({"failed": why}), flush=True)
+    sys.exit(1)
 
 
 def serve(work, **ready):
