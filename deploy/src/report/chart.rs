@@ -70,7 +70,7 @@ pub(crate) enum Colour {
 /// Width of every figure, pixels of the drawing.
 pub(crate) const WIDTH: f64 = 640.0;
 const LEFT: f64 = 84.0;
-const RIGHT: f64 = 18.0;
+const RIGHT: f64 = 32.0;
 /// Of a panel: room for title and legend, for the plot, for ticks and label.
 const HEAD: f64 = 50.0;
 const BODY: f64 = 190.0;
