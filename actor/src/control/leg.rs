@@ -133,3 +133,52 @@ impl<'a> Body<'a> {
         self.posture(leg).position(self.model.geometry.foot())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use herd_common::config::Config;
+    use nalgebra::UnitQuaternion;
+
+    /// Where the point of the calf that touches the ground now is when the leg has come to `joints`, from the trunk, world.
+    fn carried_point(model: &Model, state: &RobotState, leg: Leg, joints: &Vector3<f64>) -> Vector3<f64> {
+        let calf = |q: &Vector3<f64>| {
+            UnitQuaternion::from_axis_angle(&Vector3::x_axis(), q.x)
+                * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), q.y + q.z)
+        };
+        let touching = state.joints[leg.index()];
+        let below = Vector3::new(0.0, 0.0, -model.foot_radius);
+        let in_calf = (state.rotation * calf(&touching)).inverse() * below;
+        state.rotation * (model.geometry.foot_in_body(leg, joints) + calf(joints) * in_calf)
+    }
+
+    #[test]
+    fn a_stance_torque_does_the_work_of_its_force_whichever_way_the_trunk_leans() {
+        let model = Model::new(&Config::default().robot);
+        let state = RobotState {
+            position: Vector3::new(1.0, -2.0, 0.17),
+            rotation: UnitQuaternion::from_euler_angles(0.2, -0.2, 1.0),
+            velocity: Vector3::zeros(),
+            angular_velocity: Vector3::zeros(),
+            joints: Leg::ALL.map(|leg| model.nominal(leg) + Vector3::new(0.1, -0.2, 0.15) * leg.side()),
+            joint_speeds: [Vector3::zeros(); 4],
+        };
+        let body = Body::new(&model, &state);
+        let force = Vector3::new(20.0, -15.0, 60.0);
+        for leg in Leg::ALL {
+            // What carries the leg's own weight does no work for the force.
+            let torques = body.stance_torques(leg, &force) - body.stance_torques(leg, &Vector3::zeros());
+            for joint in 0..3 {
+                const STEP: f64 = 1e-6;
+                let moved = |step: f64| {
+                    let mut joints = state.joints[leg.index()];
+                    joints[joint] += step;
+                    carried_point(&model, &state, leg, &joints)
+                };
+                let velocity = (moved(STEP) - moved(-STEP)) / (2.0 * STEP);
+                let (work, expected) = (-torques[joint], force.dot(&velocity));
+                assert!((work - expected).abs() < 1e-6, "{leg:?} joint {joint}: {work}, expected {expected}");
+            }
+        }
+    }
+}
