@@ -24,6 +24,8 @@ mod reproduce;
 #[cfg(all(feature = "actor", feature = "learner"))]
 mod scale;
 mod status;
+#[cfg(feature = "actor")]
+mod student;
 #[cfg(all(feature = "actor", feature = "learner"))]
 mod train;
 #[cfg(feature = "actor")]
