@@ -1,4 +1,5 @@
-//! A run that a device's trainer learns from, on candle's CPU, beside the one that the CPU's trainer learns from.
+//! Runs of made-up episodes without actors: killed between a commit and the next checkpoint, and learned from by a
+//! device's trainer, on candle's CPU.
 
 use super::Trainer;
 use crate::ddpg::{Learner, OnDevice};
@@ -20,13 +21,14 @@ use tokio::sync::watch;
 
 const TRANSITIONS: u64 = 40;
 
-fn config() -> Config {
+fn config(more: &[&str]) -> Config {
     let sets = ["ddpg.hidden=[32, 16]", "ddpg.batch_size=16", "ddpg.warmup_transitions=30", "ddpg.output_init=0.1"];
-    Config::default().overridden(&sets.map(str::to_owned)).unwrap()
+    let sets: Vec<String> = sets.iter().chain(more).map(ToString::to_string).collect();
+    Config::default().overridden(&sets).unwrap()
 }
 
-fn restore(dir: &Path) -> Trainer {
-    let config = config();
+fn restore(dir: &Path, config: &Config) -> Trainer {
+    let config = config.clone();
     let (dir, (shelf, _)) = (RunDir::open(dir, &config).unwrap(), watch::channel(Arc::new(Shelf::default())));
     let epoch = Epoch::take(dir.root()).unwrap();
     Trainer::restore(config, dir, epoch, shelf).unwrap()
@@ -62,12 +64,62 @@ fn commit(episode: u64) -> Committed {
 /// Takes these commits in and learns from them.
 fn live(trainer: &mut Trainer, episodes: std::ops::Range<u64>) {
     for episode in episodes {
-        let committed = commit(episode);
-        trainer.journal.append(&Record::Episode(committed.clone())).unwrap();
-        trainer.ledger.recommit(episode);
-        trainer.begin_digest(&committed, trainer.journal.position());
+        begin(trainer, episode);
         trainer.finish_digest().unwrap();
     }
+}
+
+/// Commits an episode and begins to learn from it.
+fn begin(trainer: &mut Trainer, episode: u64) {
+    let committed = commit(episode);
+    trainer.journal.append(&Record::Episode(committed.clone())).unwrap();
+    trainer.keep().unwrap();
+    trainer.ledger.recommit(episode);
+    trainer.begin_digest(&committed, trainer.journal.position());
+}
+
+/// Every number that the learner consists of, as bits.
+fn bits(trainer: &Trainer) -> Vec<(String, Vec<u32>)> {
+    let records = trainer.ddpg.save().unwrap().records;
+    records.into_iter().map(|r| (r.name, r.values.iter().map(|value| value.to_bits()).collect())).collect()
+}
+
+/// Runs five episodes in one go, then with a trainer that is killed while it learns from the fourth, two commits after
+/// its checkpoint.
+#[track_caller]
+fn check_killed(more: &[&str]) {
+    let config = config(more);
+    let whole = TempDir::new().unwrap();
+    let mut trainer = restore(whole.path(), &config);
+    live(&mut trainer, 0..5);
+    let expected = bits(&trainer);
+    for updates in [0, 7, TRANSITIONS] {
+        let dir = TempDir::new().unwrap();
+        let mut trainer = restore(dir.path(), &config);
+        live(&mut trainer, 0..2);
+        trainer.save_checkpoint().unwrap();
+        live(&mut trainer, 2..3);
+        begin(&mut trainer, 3);
+        (0..updates).for_each(|_| trainer.digest_more().unwrap());
+        assert_eq!((trainer.version(), trainer.ddpg.updates()), (3, 3 * TRANSITIONS - 30 + updates));
+        drop(trainer);
+
+        let mut trainer = restore(dir.path(), &config);
+        assert_eq!((trainer.version(), trainer.ddpg.updates()), (4, 4 * TRANSITIONS - 30));
+        live(&mut trainer, 4..5);
+        assert!(bits(&trainer) == expected, "{more:?}, killed after {updates} updates");
+        assert_eq!(metrics(dir.path()), metrics(whole.path()), "{more:?}, killed after {updates} updates");
+    }
+}
+
+#[test]
+fn a_killed_run_goes_on_to_the_same_bits() {
+    check_killed(&[]);
+}
+
+#[test]
+fn a_killed_run_with_priorities_and_several_steps_goes_on_to_the_same_bits() {
+    check_killed(&["ddpg.priority_alpha=0.6", "ddpg.n_step=3"]);
 }
 
 /// The lines of `metrics.jsonl`.
@@ -79,12 +131,12 @@ fn metrics(dir: &Path) -> Vec<serde_json::Value> {
 #[test]
 fn a_run_on_a_device_is_the_run_but_for_its_last_bits() {
     let (cpu, device) = (TempDir::new().unwrap(), TempDir::new().unwrap());
-    let mut trainer = restore(cpu.path());
+    let config = config(&[]);
+    let mut trainer = restore(cpu.path(), &config);
     live(&mut trainer, 0..4);
     trainer.save_checkpoint().unwrap();
 
-    let mut trainer = restore(device.path());
-    let config = config();
+    let mut trainer = restore(device.path(), &config);
     let seed = Seed::from_number(config.seed).child("learner", 0);
     let on_device = OnDevice::new(&config.ddpg, Task::Gait.dims(), seed, &Device::Cpu).unwrap();
     trainer.ddpg = Learner::Device(Box::new(on_device));
@@ -94,7 +146,7 @@ fn a_run_on_a_device_is_the_run_but_for_its_last_bits() {
     drop(trainer);
 
     // The CPU's trainer goes on from the device's checkpoint.
-    let mut trainer = restore(device.path());
+    let mut trainer = restore(device.path(), &config);
     assert_eq!((trainer.version(), trainer.ddpg.updates()), (3, 3 * TRANSITIONS - 30));
     live(&mut trainer, 3..4);
     trainer.save_checkpoint().unwrap();
