@@ -24,8 +24,8 @@ pub const POLICY_LAYERS: usize = 16;
 pub const POLICY_LAYER_WEIGHTS: usize = 16 << 20;
 /// Most robots one actor process may run.
 pub const ROBOTS_PER_ACTOR: u32 = 256;
-/// Largest HTTP/2 frame either side takes: larger ones mean fewer of them for a policy or a piece of an episode.
-pub const FRAME_BYTES: u32 = 256 << 10;
+/// Largest HTTP/2 frame either side takes: a policy of the default networks fits into one, and so is not put together.
+pub const FRAME_BYTES: u32 = 1 << 20;
 /// Streams one connection may hold open.
 pub const STREAMS_PER_CONNECTION: u32 = 64;
 

@@ -89,6 +89,11 @@ impl Client {
         Ok(Self { channel })
     }
 
+    /// What calls go through.
+    pub(crate) fn channel(&self) -> Channel {
+        self.channel.clone()
+    }
+
     /// The `Work` service.
     pub fn work(&self) -> WorkClient<Channel> {
         WorkClient::new(self.channel.clone()).max_decoding_message_size(caps::MESSAGE_BYTES)

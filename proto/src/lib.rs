@@ -9,6 +9,7 @@ pub mod convert;
 mod error;
 pub mod link;
 pub mod packed;
+pub mod watch;
 
 pub use error::WireError;
 

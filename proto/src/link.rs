@@ -1,11 +1,10 @@
-//! The actor's end of `Work.Join` and the streams of the other services, in domain types.
+//! The actor's end of `Work.Join` and the stream of status, in domain types.
 
 use crate::client::{Client, Error};
 use crate::packed::Packed;
 use crate::{PROTOCOL, WireError, convert, v1};
 use herd_common::caps;
 use herd_common::episode::Outcome;
-use herd_common::policy::Policy;
 use herd_common::status::{Heartbeat, Status};
 use herd_common::transition::Batch;
 use herd_common::work::{Order, Work};
@@ -116,10 +115,6 @@ pub struct Permit<'a>(mpsc::Permit<'a, v1::ActorMessage>);
 #[derive(Debug)]
 pub struct Receiver(Streaming<v1::LearnerMessage>);
 
-/// Policies as they are published.
-#[derive(Debug)]
-pub struct PolicyStream(Streaming<v1::Policy>);
-
 /// Status snapshots.
 #[derive(Debug)]
 pub struct StatusStream(Streaming<v1::Status>);
@@ -140,12 +135,6 @@ impl Client {
         };
         let silent = |_| tonic::Status::deadline_exceeded("no answer to the handshake");
         tokio::time::timeout(caps::CALL_TIMEOUT, handshake).await.map_err(silent)?
-    }
-
-    /// The newest policy (unless `have_version` is it), then each newer one.
-    pub async fn watch_policies(&self, have_version: Option<u64>) -> Result<PolicyStream, Error> {
-        let request = v1::WatchPolicyRequest { have_version };
-        Ok(PolicyStream(self.policies().watch(request).await?.into_inner()))
     }
 
     /// A snapshot every `period_secs` until the run ends.
@@ -181,20 +170,6 @@ impl Receiver {
     /// The next answer; `None` at the end of the stream. Safe to drop while it waits.
     pub async fn next(&mut self) -> Result<Option<Answer>, Error> {
         self.0.message().await?.map(|answer| Ok(Answer::try_from(answer)?)).transpose()
-    }
-}
-
-impl PolicyStream {
-    /// The next policy, checked; `None` at the end of the stream. Safe to drop while it waits.
-    pub async fn next(&mut self) -> Result<Option<Policy>, Error> {
-        Ok(self.next_stamped().await?.map(|(policy, _)| policy))
-    }
-
-    /// The same with the learner's clock when it published the policy, ns since 1970.
-    pub async fn next_stamped(&mut self) -> Result<Option<(Policy, Option<u64>)>, Error> {
-        let Some(wire) = self.0.message().await? else { return Ok(None) };
-        let stamp = wire.published_unix_nanos;
-        Ok(Some((convert::policy_from_wire(wire)?, stamp)))
     }
 }
 

@@ -166,11 +166,11 @@ async fn follow(client: Client, meter: Arc<Meter>, newest: Arc<AtomicU64>) -> Re
     let mut policies = client.watch_policies(None).await?;
     // The first was published before this actor was there.
     let mut kept = policies.next().await?;
-    while let Some((policy, stamp)) = policies.next_stamped().await? {
-        newest.store(policy.provenance.version, Relaxed);
-        kept = Some(policy);
-        if let Some(stamp) = stamp {
-            meter.applied(Duration::from_nanos(unix_nanos().saturating_sub(stamp)));
+    while let Some(received) = policies.next_received().await? {
+        newest.store(received.policy.provenance.version, Relaxed);
+        kept = Some(received.policy);
+        if let Some(published) = received.published_unix_nanos {
+            meter.applied(Duration::from_nanos(unix_nanos().saturating_sub(published)));
         }
     }
     drop(kept);
