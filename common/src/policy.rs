@@ -232,8 +232,8 @@ fn check_layer(i: usize, layer: &Layer, inputs: Option<usize>) -> Result<(), Err
         return Err(shape("number of inputs", layer.inputs, expected));
     }
     for (what, numbers) in [("weights", &layer.weights), ("biases", &layer.biases)] {
-        // To count is vectorised, to search is not.
-        if numbers.iter().filter(|x| !x.is_finite()).count() == 0 {
+        // To count is vectorised, to search is not; a count as wide as the numbers needs no widening.
+        if numbers.iter().map(|x| u32::from(!x.is_finite())).sum::<u32>() == 0 {
             continue;
         }
         if let Some(index) = numbers.iter().position(|x| !x.is_finite()) {
