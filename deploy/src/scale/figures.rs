@@ -1,7 +1,7 @@
 //! The figures of one measured point, from what was seen at both ends of its window.
 
 use super::bottleneck::{self, Signs};
-use super::meter::{Latency, Totals};
+use super::meter::{Latency, Lost, Totals};
 use herd_common::status::Status;
 use serde::Serialize;
 
@@ -25,6 +25,8 @@ pub(crate) struct Sight {
 pub(crate) struct Setting {
     /// Actors connected.
     pub(crate) actors: u32,
+    /// Which of the points with this many actors, from 1.
+    pub(crate) round: u32,
     /// Robots of each.
     pub(crate) robots: u32,
     /// They simulate nothing.
@@ -61,6 +63,10 @@ pub(crate) struct Figures {
     pub(crate) commit: Option<Latency>,
     /// Policy published → in place at a subscriber.
     pub(crate) broadcast: Option<Latency>,
+    /// Bytes of one policy for one subscriber: its gRPC message; HTTP/2 adds nine a frame.
+    pub(crate) policy_bytes: Option<u64>,
+    /// Subscribers that stopped following the policies; broadcast speaks of the others.
+    pub(crate) lost: Option<Lost>,
     /// What the bottleneck was told by.
     pub(crate) signs: Signs,
     /// Most memory that the learner had at once, bytes.
@@ -71,6 +77,16 @@ pub(crate) struct Figures {
     pub(crate) committed: Totals,
     /// What limits this point.
     pub(crate) bottleneck: String,
+}
+
+impl Setting {
+    /// The number of actors, and which time when it is not the first.
+    pub(crate) fn name(&self) -> String {
+        match self.round {
+            0 | 1 => self.actors.to_string(),
+            round => format!("{} #{round}", self.actors),
+        }
+    }
 }
 
 impl Figures {
@@ -104,6 +120,8 @@ impl Figures {
             staleness: to.status.replay.staleness,
             commit: None,
             broadcast: None,
+            policy_bytes: None,
+            lost: None,
             signs,
             learner_peak_bytes: 0,
             acknowledged: None,

@@ -64,7 +64,10 @@ impl Load {
     pub(crate) fn probe(address: &str) -> anyhow::Result<Self> {
         let mut load = Self::empty()?;
         let (address, meter) = (address.to_owned(), load.meter.clone());
-        load.spawn(async move { follow(Client::connect(&address).await?, meter, Arc::default()).await });
+        load.spawn(async move {
+            subscribe(Client::connect(&address).await?, meter, Arc::default()).await;
+            Ok(())
+        });
         Ok(load)
     }
 
@@ -125,7 +128,7 @@ async fn live(
     let (client, sender, receiver) = join(&address, plan.robots).await?;
     let version = Arc::new(AtomicU64::new(0));
     let _follower = (!plan.deaf).then(|| {
-        let follower = tokio::spawn(follow(client.clone(), meter.clone(), version.clone()));
+        let follower = tokio::spawn(subscribe(client.clone(), meter.clone(), version.clone()));
         tokio_util::task::AbortOnDropHandle::new(follower)
     });
     let actor = Actor {
@@ -161,8 +164,16 @@ async fn join(address: &str, robots: u32) -> Result<(Client, Sender, Receiver), 
     }
 }
 
+/// Follows the policies; that it has ended is counted, because from then on nothing is timed.
+async fn subscribe(client: Client, meter: Arc<Meter>, newest: Arc<AtomicU64>) {
+    match follow(client, &meter, &newest).await {
+        Ok(()) => meter.lost("the learner ended the stream"),
+        Err(error) => meter.lost(&error.to_string()),
+    }
+}
+
 /// Decodes, checks and keeps each policy, as an actor does before it acts with it.
-async fn follow(client: Client, meter: Arc<Meter>, newest: Arc<AtomicU64>) -> Result<(), client::Error> {
+async fn follow(client: Client, meter: &Meter, newest: &AtomicU64) -> Result<(), client::Error> {
     let mut policies = client.watch_policies(None).await?;
     // The first was published before this actor was there.
     let mut kept = policies.next().await?;
@@ -170,7 +181,7 @@ async fn follow(client: Client, meter: Arc<Meter>, newest: Arc<AtomicU64>) -> Re
         newest.store(received.policy.provenance.version, Relaxed);
         kept = Some(received.policy);
         if let Some(published) = received.published_unix_nanos {
-            meter.applied(Duration::from_nanos(unix_nanos().saturating_sub(published)));
+            meter.applied(Duration::from_nanos(unix_nanos().saturating_sub(published)), received.bytes);
         }
     }
     drop(kept);

@@ -13,6 +13,8 @@ pub(crate) struct Meter {
     refused: AtomicU64,
     commits: Times,
     policies: Times,
+    policy_bytes: AtomicU64,
+    lost: Mutex<Option<Lost>>,
 }
 
 /// Durations since the last look, µs.
@@ -30,6 +32,15 @@ pub(crate) struct Totals {
     pub(crate) refused: u64,
 }
 
+/// Subscribers that no longer follow the policies.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub(crate) struct Lost {
+    /// How many.
+    pub(crate) subscribers: u32,
+    /// Why the first of them does not.
+    pub(crate) why: String,
+}
+
 /// How long something took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Latency {
@@ -41,6 +52,8 @@ pub(crate) struct Latency {
     pub(crate) p99_ms: f64,
 }
 
+const UNPOISONED: &str = "no holder of this lock can panic";
+
 impl Meter {
     /// An episode of this many transitions was acknowledged this long after its end was sent.
     pub(crate) fn committed(&self, transitions: u64, after: Duration) {
@@ -49,9 +62,16 @@ impl Meter {
         self.commits.add(after);
     }
 
-    /// A policy was in place this long after the learner published it.
-    pub(crate) fn applied(&self, after: Duration) {
+    /// A policy of this many bytes was in place this long after the learner published it.
+    pub(crate) fn applied(&self, after: Duration, bytes: usize) {
         self.policies.add(after);
+        self.policy_bytes.store(bytes as u64, Relaxed);
+    }
+
+    /// A subscriber no longer follows the policies.
+    pub(crate) fn lost(&self, why: &str) {
+        let mut lost = self.lost.lock().expect(UNPOISONED);
+        lost.get_or_insert_with(|| Lost { subscribers: 0, why: why.to_owned() }).subscribers += 1;
     }
 
     /// The learner refused something.
@@ -68,6 +88,16 @@ impl Meter {
         }
     }
 
+    /// Bytes of the policy that was applied last.
+    pub(crate) fn policy_bytes(&self) -> Option<u64> {
+        Some(self.policy_bytes.load(Relaxed)).filter(|bytes| *bytes > 0)
+    }
+
+    /// Subscribers lost so far.
+    pub(crate) fn all_lost(&self) -> Option<Lost> {
+        self.lost.lock().expect(UNPOISONED).clone()
+    }
+
     /// Commit and broadcast latencies since the last call; `None` where nothing was timed.
     pub(crate) fn take_latencies(&self) -> (Option<Latency>, Option<Latency>) {
         (latency(self.commits.take()), latency(self.policies.take()))
@@ -77,11 +107,11 @@ impl Meter {
 impl Times {
     fn add(&self, time: Duration) {
         let micros = u32::try_from(time.as_micros()).unwrap_or(u32::MAX);
-        self.0.lock().expect("no holder of this lock can panic").push(micros);
+        self.0.lock().expect(UNPOISONED).push(micros);
     }
 
     fn take(&self) -> Vec<u32> {
-        std::mem::take(&mut *self.0.lock().expect("no holder of this lock can panic"))
+        std::mem::take(&mut *self.0.lock().expect(UNPOISONED))
     }
 }
 
@@ -103,6 +133,17 @@ mod tests {
         assert_eq!(latency((0..=100).rev().map(|ms| ms * 1000).collect()), Some(expected));
         assert_eq!(latency(vec![7000]), Some(Latency { count: 1, p50_ms: 7.0, p99_ms: 7.0 }));
         assert_eq!(latency(vec![]), None);
+    }
+
+    #[test]
+    fn the_first_reason_of_a_loss_is_kept_and_all_are_counted() {
+        let meter = Meter::default();
+        assert_eq!((meter.all_lost(), meter.policy_bytes()), (None, None));
+        meter.applied(Duration::from_millis(1), 643);
+        meter.lost("first");
+        meter.lost("second");
+        assert_eq!(meter.all_lost(), Some(Lost { subscribers: 2, why: "first".into() }));
+        assert_eq!(meter.policy_bytes(), Some(643));
     }
 
     #[test]

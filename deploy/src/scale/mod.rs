@@ -116,11 +116,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     // One thread: the kernel ends our children when the thread that started them ends.
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("start the runtime")?;
     let mut points = Vec::new();
-    for &actors in &args.actors {
+    for (index, &actors) in args.actors.iter().enumerate() {
         let method = method(args, run_dir, actors)?;
-        let figures = runtime.block_on(point::measure(&method, actors))?;
+        let round = args.actors[..=index].iter().filter(|other| **other == actors).count() as u32;
+        let figures = runtime.block_on(point::measure(&method, actors, round))?;
         if !args.json {
-            eprintln!("{actors} actors: {:.0} transitions/s; {}", figures.transitions_per_sec, figures.bottleneck);
+            let name = figures.setting.name();
+            eprintln!("{name} actors: {:.0} transitions/s; {}", figures.transitions_per_sec, figures.bottleneck);
         }
         points.push(figures);
     }

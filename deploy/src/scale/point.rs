@@ -64,9 +64,10 @@ enum Actors {
     Synthetic(Load),
 }
 
-/// Measures with this many actors.
-pub(crate) async fn measure(method: &Method, actors: u32) -> anyhow::Result<Figures> {
-    let dir = method.run_dir.join(format!("actors-{actors}"));
+/// Measures with this many actors, for the first, second … time.
+pub(crate) async fn measure(method: &Method, actors: u32, round: u32) -> anyhow::Result<Figures> {
+    let again = if round > 1 { format!("-{round}") } else { String::new() };
+    let dir = method.run_dir.join(format!("actors-{actors}{again}"));
     if dir.exists() {
         let text = format!("{} is there already; remove it or choose another --run-dir", dir.display());
         return Err(Failure::usage(text).into());
@@ -80,7 +81,8 @@ pub(crate) async fn measure(method: &Method, actors: u32) -> anyhow::Result<Figu
         ended = learner.wait() => Err(anyhow::anyhow!("the learner ended ({ended:?}): {}", program.last_words())),
     };
     crate::train::child::end(&program, learner).await?;
-    let figures = measured?;
+    let mut figures = measured?;
+    figures.setting.round = round;
     if !method.keep {
         std::fs::remove_dir_all(&dir).with_context(|| format!("remove {}", dir.display()))?;
     }
@@ -102,7 +104,8 @@ async fn with_learner(method: &Method, actors: u32, dir: &Path, learner: u32) ->
         let to = look().await?;
         let (commit, broadcast) = meter.take_latencies();
         let figures = Figures::between(setting(method, actors), &from, &to);
-        anyhow::Ok(Figures { commit, broadcast, ..figures })
+        let (policy_bytes, lost) = (meter.policy_bytes(), meter.all_lost());
+        anyhow::Ok(Figures { commit, broadcast, policy_bytes, lost, ..figures })
     };
     let mut figures = tokio::select! {
         figures = window => figures?,
@@ -118,6 +121,7 @@ async fn with_learner(method: &Method, actors: u32, dir: &Path, learner: u32) ->
 fn setting(method: &Method, actors: u32) -> Setting {
     Setting {
         actors,
+        round: 1,
         robots: method.robots,
         synthetic: method.synthetic.is_some(),
         paced: method.synthetic.is_some_and(|synthetic| synthetic.pace.is_some()),

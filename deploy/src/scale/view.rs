@@ -1,7 +1,7 @@
 //! Scaling figures as a table, and as a plot.
 
 use super::figures::Figures;
-use super::meter::Latency;
+use super::meter::{Latency, Lost};
 use crate::report::svg::{Plot, Scale, Series, Style};
 use crate::table::{bytes, columns, count};
 
@@ -19,17 +19,27 @@ pub(crate) fn table(points: &[Figures]) -> String {
         "actor cores",
         "commit p50/p99",
         "broadcast p50/p99",
+        "policy",
     ];
     let head = head.map(str::to_owned).to_vec();
     let mut text = columns(&std::iter::once(head).chain(points.iter().map(row)).collect::<Vec<_>>());
     text.push('\n');
-    points.iter().fold(text, |text, f| text + &format!("{} actors: {}\n", f.setting.actors, f.bottleneck))
+    text + &points.iter().map(told).collect::<String>()
+}
+
+/// What is to be known about a point beside its row.
+fn told(f: &Figures) -> String {
+    let name = f.setting.name();
+    let bottleneck = format!("{name} actors: {}\n", f.bottleneck);
+    let Some(Lost { subscribers, why }) = &f.lost else { return bottleneck };
+    let lost = "WARNING: subscribers that stopped following";
+    format!("{bottleneck}{name} actors: {lost}: {subscribers}; the first: {why}\n")
 }
 
 fn row(f: &Figures) -> Vec<String> {
     let whole = |x: f64| count(x.round() as u64);
     vec![
-        f.setting.actors.to_string(),
+        f.setting.name(),
         whole(f.transitions_per_sec),
         format!("{:.1}", f.updates_per_sec),
         format!("{:.1}", f.episodes_per_sec),
@@ -40,6 +50,7 @@ fn row(f: &Figures) -> Vec<String> {
         format!("{:.2}", f.signs.actors_cores),
         latency(f.commit),
         latency(f.broadcast),
+        f.policy_bytes.map_or("–".to_owned(), bytes),
     ]
 }
 
@@ -81,9 +92,16 @@ mod tests {
             (to.status.transitions, to.status.time.idle_secs) = (u64::from(actors) * 1500, 1.0);
             Figures::between(setting, &Sight::default(), &to)
         };
-        let points = [point(1), point(2)];
+        let mut points = [point(1), point(2), point(2)];
+        points[2].setting.round = 2;
+        points[2].lost = Some(Lost { subscribers: 3, why: "gone".into() });
         let text = table(&points);
         assert!(text.contains("3,000") && text.contains("2 actors: actors: the time that episodes take"), "{text}");
-        assert_eq!(plot(&points).matches("<circle").count(), 2, "two marks, and none in the legend");
+        assert!(
+            text.contains("2 #2 actors: WARNING: subscribers that stopped following: 3; the first: gone"),
+            "{text}"
+        );
+        assert!(text.matches("WARNING").count() == 1, "{text}");
+        assert_eq!(plot(&points).matches("<circle").count(), 3, "three marks, and none in the legend");
     }
 }

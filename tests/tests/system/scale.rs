@@ -33,9 +33,26 @@ fn scale_measures_counts_and_names_the_bottleneck() {
             assert!(point.pointer(figure).and_then(Value::as_f64) > Some(0.0), "{figure} of {point}");
         }
         assert_eq!(point["updates_per_sec"].as_f64(), Some(0.0), "{point}");
+        // 56 → 16 → 4 numbers of four bytes with their biases, and names.
+        assert!(point["policy_bytes"].as_u64() > Some(4 * (57 * 16 + 17 * 4)), "{point}");
+        assert!(point["lost"].is_null(), "{point}");
     }
     assert!(!directory.join("actors-1").exists(), "the run of a point is removed");
     run.assert_no_orphans();
+}
+
+#[test]
+fn points_with_equal_numbers_are_kept_apart() {
+    let run = Run::new(1);
+    let directory = run.dir();
+    let words = ["scale", "--synthetic", "--actors", "1,1", "--keep", "--secs", "0.3", "--warmup", "0.1"];
+    let mut command = run.herd(&words);
+    command.args(["--set", "ddpg.hidden=[16]", "--run-dir"]).arg(&directory);
+    let measured = run.spawn("scale", &mut command).wait(LONG).expect(0, &[]);
+    assert!(measured.stdout.contains("\n1 #2 "), "{}", measured.told());
+    for kept in ["actors-1", "actors-1-2"] {
+        assert!(directory.join(kept).join("journal").exists(), "{kept} is kept");
+    }
 }
 
 #[test]
