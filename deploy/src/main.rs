@@ -28,6 +28,7 @@ mod status;
 mod student;
 #[cfg(all(feature = "actor", feature = "learner"))]
 mod train;
+mod version;
 #[cfg(feature = "actor")]
 mod walker;
 #[cfg(feature = "learner")]
@@ -41,7 +42,7 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Trains quadruped gaits with a herd of simulated robots.
 #[derive(Parser)]
-#[command(name = "herd", version, after_help = AFTER_HELP)]
+#[command(name = "herd", version = version::VERSION, after_help = AFTER_HELP)]
 struct Cli {
     /// Write logs as JSON lines. Logs go to stderr; HERD_LOG filters them, such as HERD_LOG=debug.
     #[arg(long, global = true)]

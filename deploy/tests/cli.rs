@@ -99,6 +99,17 @@ fn every_subcommand_has_help_with_an_example() {
 }
 
 #[test]
+fn the_version_names_the_commit() {
+    let answer = herd(directory().path(), &["--version"]);
+    let said = answer.stdout.trim();
+    let commit = said.strip_prefix(concat!("herd ", env!("CARGO_PKG_VERSION"), " (")).and_then(|s| s.strip_suffix(')'));
+    let commit = commit.unwrap_or_else(|| panic!("{said}"));
+    let hash = commit.strip_suffix("+dirty").unwrap_or(commit);
+    let is_hash = hash.len() >= 10 && hash.chars().all(|c| c.is_ascii_hexdigit());
+    assert!(is_hash || commit == "unknown", "{said}");
+}
+
+#[test]
 fn words_that_mean_nothing_are_usage_errors() {
     let directory = directory();
     refused(directory.path(), &["trian"], 64, &["trian", "train"]);
