@@ -1,7 +1,7 @@
 //! An episode as a film: the robot's pose every so often, and what its decisions were worth if each is paid once.
 //!
-//! The pictures are what a side view needs: four corners of the trunk, four points of each leg. Everything is a function
-//! of configuration, seed and who acts; filming an episode does not change it.
+//! The pictures are what views from the side and from behind need: outlines of the trunk, four points of each leg.
+//! Everything is a function of configuration, seed and who acts; filming an episode does not change it.
 
 use crate::env::{Env, Observation};
 use crate::robot::{Leg, LegPoint, Model};
@@ -25,6 +25,8 @@ pub struct Frame {
     pub angles: [f64; 3],
     /// The trunk's outline in its own xz plane: front top, front bottom, rear bottom, rear top.
     pub trunk: [Point; 4],
+    /// The same in its yz plane: left top, left bottom, right bottom, right top.
+    pub across: [Point; 4],
     /// Hip, top of the thigh, knee and foot of each leg, in leg order.
     pub legs: [[Point; 4]; 4],
     /// True for a foot that the ground carries.
@@ -43,11 +45,21 @@ pub struct Film {
 }
 
 /// Runs the episode of `seed` and takes a picture every `every_ticks` ticks, the first of them at the start; 0 for none.
+pub fn film(env: &mut Env, seed: Seed, every_ticks: u64, act: &mut dyn FnMut(&Observation) -> Vec<f32>) -> Film {
+    let observation = env.reset(seed);
+    finish(env, observation, every_ticks, act)
+}
+
+/// The same for an episode that has been reset, from what the policy sees now.
 ///
 /// The decision in which the simulation diverged is not paid.
-pub fn film(env: &mut Env, seed: Seed, every_ticks: u64, act: &mut dyn FnMut(&Observation) -> Vec<f32>) -> Film {
+pub fn finish(
+    env: &mut Env,
+    mut observation: Observation,
+    every_ticks: u64,
+    act: &mut dyn FnMut(&Observation) -> Vec<f32>,
+) -> Film {
     let (camera, frames) = mpsc::channel();
-    let mut observation = env.reset(seed);
     if every_ticks > 0 {
         let (model, tick_secs) = (env.model().clone(), env.tick_secs());
         // Nobody has looked at the ground yet: the robot was set down on all four feet.
@@ -66,7 +78,7 @@ pub fn film(env: &mut Env, seed: Seed, every_ticks: u64, act: &mut dyn FnMut(&Ob
     loop {
         let step = env.step(&act(&observation));
         if step.ending != Some(Ending::Diverged) {
-            per_decision += env.reward_now();
+            per_decision += step.moment;
         }
         observation = step.observation;
         if step.ending.is_some() {
@@ -82,7 +94,8 @@ impl Frame {
         let world = |body: nalgebra::Vector3<f64>| Point::from(state.position + state.rotation * body);
         let legs = Leg::ALL.map(|leg| model.geometry.posture(leg, &state.joints[leg.index()]));
         let half = model.trunk_size / 2.0;
-        let corner = |x: f64, z: f64| world(nalgebra::Vector3::new(x * half.x, 0.0, z * half.z));
+        let corner = |x: f64, y: f64, z: f64| world(nalgebra::Vector3::new(x * half.x, y * half.y, z * half.z));
+        let outline = |of: &dyn Fn(f64, f64) -> Point| [of(1.0, 1.0), of(1.0, -1.0), of(-1.0, -1.0), of(-1.0, 1.0)];
         let geometry = &model.geometry;
         let thigh_top = LegPoint { outwards: geometry.hip_link, thigh: 0.0, calf: 0.0 };
         let knee = LegPoint { thigh: geometry.thigh, ..thigh_top };
@@ -95,7 +108,8 @@ impl Frame {
             secs,
             centre: world(model.centre(&legs)),
             angles: state.angles().into(),
-            trunk: [corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0), corner(-1.0, 1.0)],
+            trunk: outline(&|x, z| corner(x, 0.0, z)),
+            across: outline(&|y, z| corner(0.0, y, z)),
             legs: Leg::ALL.map(points),
             down,
         }
@@ -133,6 +147,7 @@ mod tests {
             assert!((length(hip, top) - 0.049).abs() < 1e-9);
             assert!(foot[2] > 0.0 && foot[2] < 0.06 && knee[2] > foot[2] && foot[1] < 0.0, "{frame:?}");
             assert!((length(frame.trunk[0], frame.trunk[3]) - 0.238).abs() < 1e-9);
+            assert!(frame.across[0][1] > 0.0 && frame.across[3][1] < 0.0 && frame.across[0][2] > frame.across[1][2]);
         }
         let stances = film.frames.iter().filter(|frame| frame.down.iter().filter(|down| **down).count() == 2).count();
         assert!(stances > 25, "a trot stands on two feet most of the time: {stances}");
@@ -152,5 +167,16 @@ mod tests {
         assert_eq!(sample.outcome.decisions, 7);
         let ratio = sample.per_decision.survival / sample.outcome.reward.survival;
         assert!((ratio - 7.0 / 40.0).abs() < 1e-9, "{ratio}");
+    }
+
+    #[test]
+    fn a_decision_is_paid_for_the_command_that_it_followed() {
+        // A sample and a new command at the end of every decision: both ways of paying agree, if both go by the same command.
+        let rhythm =
+            ["task.gait.step_secs=[0.15, 0.15]", "task.reward.sample_secs=0.15", "task.command.every_secs=0.15"];
+        let mut env = env(&[&["task.kind=command", "task.episode_secs=0.9"], &rhythm[..]].concat());
+        let film = film(&mut env, Seed::from_number(2), 0, &mut |_| vec![0.0; 4]);
+        let (once, summed) = (film.per_decision, film.outcome.reward);
+        assert!(film.outcome.decisions == 6 && (once.total() - summed.total()).abs() < 1e-9, "{once:?} {summed:?}");
     }
 }

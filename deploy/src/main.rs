@@ -18,6 +18,8 @@ mod eval;
 mod export;
 #[cfg(feature = "learner")]
 mod learner;
+#[cfg(feature = "actor")]
+mod meter;
 mod report;
 #[cfg(all(feature = "actor", feature = "learner"))]
 mod reproduce;

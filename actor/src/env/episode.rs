@@ -35,6 +35,8 @@ pub struct Step {
     pub reward: f32,
     /// Factor on the next value: 0 after a fall, never 0 after the time limit.
     pub discount: f32,
+    /// The terms of eq 10 at the decision's end, by the command that it followed, whether or not a sample is due.
+    pub moment: Reward,
     /// Set when the episode is over; after `Diverged` the other fields mean nothing and the decision is dropped.
     pub ending: Option<Ending>,
 }
@@ -170,6 +172,7 @@ impl Env {
             Task::Constant => self.step_gait(&self.config.task.constant.clone()),
             Task::Command => self.step_command(action),
         }
+        let moment = self.reward_now();
         self.command = self.command_now();
         if self.ending.is_none() && self.ticks >= self.limit_ticks {
             self.ending = Some(Ending::TimedOut);
@@ -181,7 +184,13 @@ impl Env {
             Some(Ending::TimedOut) | None => self.config.task.discount.of(secs),
         };
         let reward = self.summary.reward().total() - before.total();
-        Step { observation: self.observation(), reward: reward as f32, discount: discount as f32, ending: self.ending }
+        Step {
+            observation: self.observation(),
+            reward: reward as f32,
+            discount: discount as f32,
+            moment,
+            ending: self.ending,
+        }
     }
 
     /// The episode so far; one that is not over counts as timed out.
@@ -241,8 +250,8 @@ impl Env {
         self.summary.reward()
     }
 
-    /// The terms of eq 10 at this moment, whether or not a sample is due.
-    pub fn reward_now(&self) -> Reward {
+    /// The terms of eq 10 at this moment.
+    fn reward_now(&self) -> Reward {
         match &self.command {
             Some(command) => self.payer.sample_following(&self.state, &self.torques, command),
             None => self.payer.sample(&self.state, &self.torques),

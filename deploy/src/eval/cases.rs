@@ -3,6 +3,7 @@
 use super::{Args, commands};
 use crate::exit::Failure;
 use anyhow::Context;
+use herd_actor::env::Observation;
 use herd_common::config::Config;
 use herd_common::config::task::Constant;
 use herd_common::policy::Policy;
@@ -25,6 +26,12 @@ impl Case {
     /// The gait, for a case of the constant task.
     pub(crate) fn gait(&self) -> Option<Constant> {
         (self.config.task.kind == Task::Constant).then_some(self.config.task.constant)
+    }
+
+    /// What it does on seeing this; without a policy nothing, which a constant gait does not mind.
+    pub(crate) fn act(&self, observation: &Observation) -> Vec<f32> {
+        let still = || vec![0.0; self.config.task.kind.action_dim()];
+        self.policy.as_ref().map_or_else(still, |policy| policy.act(observation))
     }
 }
 

@@ -1,7 +1,7 @@
 //! `herd eval`: episodes without noise and without a learner, and the figures of them.
 
-mod bench;
-mod cases;
+pub(crate) mod bench;
+pub(crate) mod cases;
 mod commands;
 mod figures;
 mod suite;

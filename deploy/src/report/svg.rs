@@ -65,19 +65,14 @@ impl Plot {
         let points = || self.series.iter().flat_map(|series| &series.points).filter(finite);
         let x = Axis::around(points().map(|(x, _)| *x), self.x_scale, (LEFT, WIDTH - RIGHT));
         let y = Axis::around(points().map(|(_, y)| *y), Scale::Linear, (HEIGHT - BOTTOM, TOP));
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" width=\"{WIDTH}\" \
-             height=\"{HEIGHT}\" font-family=\"sans-serif\" font-size=\"12\" fill=\"#222\">\n\
-             <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
-        );
-        svg += &self.frame(&x, &y);
+        let mut svg = self.frame(&x, &y);
         for series in &self.series {
             svg += &series.draw(&x, &y);
         }
         for (index, series) in self.series.iter().filter(|series| !series.name.is_empty()).enumerate() {
             svg += &series.legend(index);
         }
-        svg + "</svg>\n"
+        sheet((WIDTH, HEIGHT), &svg)
     }
 
     fn frame(&self, x: &Axis, y: &Axis) -> String {
@@ -207,6 +202,15 @@ fn grouped(number: &str) -> String {
 fn round_step(least: f64) -> f64 {
     let unit = 10.0_f64.powf(least.log10().floor());
     [1.0, 2.0, 5.0].into_iter().map(|m| m * unit).find(|step| *step >= least).unwrap_or(10.0 * unit)
+}
+
+/// A drawing of this width and height with this in it, on white paper.
+pub(crate) fn sheet((width, height): (f64, f64), body: &str) -> String {
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
+         height=\"{height}\" font-family=\"sans-serif\" font-size=\"13\" fill=\"#222\">\n\
+         <rect class=\"paper\" width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n{body}</svg>\n"
+    )
 }
 
 /// One line of text whose anchor (`start`, `middle`, `end`) is at (x, y), pixels.

@@ -5,6 +5,7 @@ use super::interval;
 use crate::eval::bench::{self, Job, Push};
 use crate::eval::cases::Case;
 use crate::eval::figures::{Episode, Mean};
+use crate::meter::Meter;
 use herd_common::config::task::Constant;
 use herd_common::seed::Seed;
 use herd_common::spaces::Task;
@@ -92,20 +93,20 @@ struct Plan {
     jobs: Vec<Job>,
 }
 
-/// Runs everything for these subjects; `progress` is told how many episodes there are, and gives what to tell of each.
+/// Runs everything for these subjects; `meter` is told how many episodes there are, and gives what counts them.
 pub(super) fn run(
     subjects: &[Case],
     root: Seed,
     effort: Effort,
-    progress: &dyn Fn(usize) -> Box<dyn Fn() + Sync>,
+    meter: &dyn Fn(u64) -> Meter,
 ) -> anyhow::Result<Vec<Findings>> {
     let seeds: Vec<Seed> = (0..effort.episodes.max(100)).map(|index| root.child("evaluation", index)).collect();
     let mut plan = Plan::default();
     for subject in subjects {
         plan.add_subject(subject, &seeds, effort)?;
     }
-    let done = progress(plan.jobs.len());
-    let episodes = bench::episodes(&plan.cases, &plan.jobs, effort.threads, &*done)?;
+    let meter = meter(plan.jobs.len() as u64);
+    let episodes = bench::episodes(&plan.cases, &plan.jobs, effort.threads, &|| meter.tick())?;
     let mut left = &episodes[..];
     Ok(subjects.iter().map(|subject| findings(subject, effort, &mut left)).collect())
 }
@@ -227,7 +228,7 @@ mod tests {
         let effort = Effort { episodes: 2, quick: true, threads: 2 };
         let found = run(&[subject], Seed::from_number(1), effort, &|total| {
             assert_eq!(total, 2 * (1 + 27) + 2 * 32);
-            Box::new(|| ())
+            Meter::new("episodes", total)
         });
         let found = found.expect("runs").remove(0);
         let names: Vec<&str> = found.groups.iter().map(|group| group.name).collect();

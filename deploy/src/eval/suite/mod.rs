@@ -13,15 +13,14 @@ mod view;
 use super::cases::{self, Case};
 use super::{Args, SuiteArgs};
 use crate::exit::Failure;
+use crate::meter::Meter;
 use crate::out;
 use anyhow::Context;
 use herd_common::config::{Config, scenario, task};
 use herd_common::seed::Seed;
 use herd_common::spaces::Task;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use measure::{Effort, Findings};
 use serde::Serialize;
-use std::io::IsTerminal;
 use std::path::Path;
 
 /// Episodes of a case under `--quick`, at most.
@@ -41,7 +40,8 @@ pub(super) fn run(args: &Args, config: &Config) -> anyhow::Result<()> {
     let SuiteArgs { quick, out, .. } = &args.suite;
     let episodes = if *quick { args.episodes.min(QUICK_EPISODES) } else { args.episodes };
     let effort = Effort { episodes, quick: *quick, threads: args.threads as usize };
-    let found = measure::run(&subjects, Seed::from_number(config.seed), effort, &progress)?;
+    let found =
+        measure::run(&subjects, Seed::from_number(config.seed), effort, &|total| Meter::new("episodes", total))?;
     let report = Report { task_hash: config.task_hash(), seed: config.seed, subjects: found };
     if let Some(directory) = out {
         write(&report, directory).with_context(|| format!("write the suite to {}", directory.display()))?;
@@ -68,24 +68,6 @@ fn subjects(args: &Args, config: &Config) -> anyhow::Result<Vec<Case>> {
     Ok(subjects)
 }
 
-/// A bar on a terminal, ten lines elsewhere; both on stderr.
-fn progress(total: usize) -> Box<dyn Fn() + Sync> {
-    if std::io::stderr().is_terminal() {
-        let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr());
-        bar.set_style(ProgressStyle::with_template(STYLE).expect("the template is valid: tested"));
-        return Box::new(move || bar.inc(1));
-    }
-    let done = std::sync::atomic::AtomicUsize::new(0);
-    Box::new(move || {
-        let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-        if done * 10 / total > (done - 1) * 10 / total {
-            eprintln!("{done}/{total} episodes");
-        }
-    })
-}
-
-const STYLE: &str = "{bar:32} {pos}/{len} episodes  {eta} to go";
-
 /// Writes `suite.json`, a picture of every quantity, and the push map.
 fn write(report: &Report, directory: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(directory)?;
@@ -105,14 +87,4 @@ fn write(report: &Report, directory: &Path) -> anyhow::Result<()> {
     }
     let maps: Vec<_> = subjects.iter().map(|found| (found.label.as_str(), &found.pushes[..])).collect();
     put("push-map.svg".into(), push_map::svg(&maps))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_template_is_valid() {
-        ProgressStyle::with_template(STYLE).expect("valid");
-    }
 }

@@ -3,7 +3,7 @@
 //! Every subject has its colour. Bars are 95 % intervals.
 
 use super::measure::{Row, Varied};
-use crate::report::svg::{Axis, Scale, text};
+use crate::report::svg::{Axis, Scale, sheet, text};
 use std::fmt::Write;
 
 /// A figure with its interval, if it has one.
@@ -43,7 +43,7 @@ const DISTANCE: Panel =
 pub(super) const COLOURS: [&str; 2] = ["#1f5fa8", "#d0572f"];
 
 // Sizes in pixels of the drawing.
-pub(super) const WIDTH: f64 = 900.0;
+const WIDTH: f64 = 900.0;
 const HEAD: f64 = 60.0;
 const PANEL: (f64, f64) = (450.0, 290.0);
 const LEFT: f64 = 70.0;
@@ -54,8 +54,7 @@ const BOTTOM: f64 = 54.0;
 /// The picture of one quantity for all subjects, by label.
 pub(super) fn svg(subjects: &[(&str, &Varied)]) -> String {
     let height = HEAD + 2.0 * PANEL.1;
-    let mut svg = sheet(WIDTH, height);
-    svg += &legend(subjects.iter().map(|(label, _)| *label));
+    let mut svg = legend(subjects.iter().map(|(label, _)| *label));
     svg += &text((WIDTH - RIGHT, 22.0), "end", "bars: 95 % intervals");
     let varied: Vec<&Varied> = subjects.iter().map(|(_, varied)| *varied).collect();
     let by_speed = varied.iter().any(|varied| varied.name == "speed");
@@ -63,16 +62,7 @@ pub(super) fn svg(subjects: &[(&str, &Varied)]) -> String {
     for (n, panel) in PANELS.iter().chain([fourth]).enumerate() {
         svg += &panel.draw(&varied, (PANEL.0 * (n % 2) as f64, HEAD + PANEL.1 * (n / 2) as f64));
     }
-    svg + "</svg>\n"
-}
-
-/// The beginning of a drawing on white paper.
-pub(super) fn sheet(width: f64, height: f64) -> String {
-    format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
-         height=\"{height}\" font-family=\"sans-serif\" font-size=\"13\" fill=\"#222\">\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
-    )
+    sheet((WIDTH, height), &svg)
 }
 
 fn legend<'a>(labels: impl Iterator<Item = &'a str>) -> String {

@@ -4,8 +4,7 @@
 
 use super::conditions::{DIRECTIONS, IMPULSES_NS, direction_rad};
 use super::measure::Pushed;
-use super::panels::sheet;
-use crate::report::svg::text;
+use crate::report::svg::{sheet, text};
 use std::f64::consts::PI;
 use std::fmt::Write;
 
@@ -24,14 +23,15 @@ const COLOURS: [(f64, [f64; 3]); 3] =
 /// The push maps of all subjects side by side, by label.
 pub(super) fn svg(subjects: &[(&str, &[Pushed])]) -> String {
     let (width, height) = (DISC * subjects.len() as f64, HEAD + DISC + FOOT);
-    let mut svg = sheet(width, height);
+    let mut svg = String::new();
     for (n, (label, pushes)) in subjects.iter().enumerate() {
         let middle = DISC * (n as f64 + 0.5);
         svg += &text((middle, 24.0), "middle", "pushes stood, % of the phases of the gait");
         svg += &text((middle, 44.0), "middle", label);
         svg += &disc(pushes, (middle, HEAD + DISC / 2.0));
     }
-    svg + &scale((width / 2.0 - 150.0, HEAD + DISC + 6.0)) + "</svg>\n"
+    svg += &scale((width / 2.0 - 150.0, HEAD + DISC + 6.0));
+    sheet((width, height), &svg)
 }
 
 fn disc(pushes: &[Pushed], centre: (f64, f64)) -> String {
