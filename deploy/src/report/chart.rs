@@ -3,7 +3,7 @@
 //! Narrow enough that its text can be read on a phone. Colours stand in attributes, so a drawing is complete by itself;
 //! everything coloured also has a class, so that a page may give it other colours in the dark.
 
-use super::svg::{Axis, Scale, escape, text};
+use super::svg::{Axis, Scale, escape, sheet, text};
 use std::fmt::Write;
 
 /// A figure.
@@ -50,7 +50,7 @@ pub(crate) enum Shape {
     Band(Vec<(f64, f64, f64)>),
     /// A dashed line at this y, all along.
     Level(f64),
-    /// Dots at these x and y.
+    /// Dots at these x and y; smaller ones if they are many.
     Dots(Vec<(f64, f64)>),
 }
 
@@ -77,6 +77,8 @@ const BODY: f64 = 190.0;
 const FOOT: f64 = 56.0;
 /// Share of the highest value that is too little to be seen.
 const HAIR: f64 = 0.01;
+/// Dots that do not get into each other's way.
+const FEW_DOTS: usize = 3;
 /// About the width of a letter, for room in legends.
 const LETTER: f64 = 7.6;
 
@@ -87,17 +89,8 @@ impl Chart {
         for (index, panel) in self.panels.iter().enumerate() {
             body += &panel.draw(index as f64 * Panel::HEIGHT);
         }
-        sheet(Panel::HEIGHT * self.panels.len() as f64, &body)
+        sheet((WIDTH, Panel::HEIGHT * self.panels.len() as f64), &body)
     }
-}
-
-/// A drawing of this height with this in it, on paper.
-pub(crate) fn sheet(height: f64, body: &str) -> String {
-    format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" \
-         height=\"{height}\" font-family=\"sans-serif\" font-size=\"13\" fill=\"#222\">\n\
-         <rect class=\"paper\" width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n{body}</svg>\n"
-    )
 }
 
 impl Panel {
@@ -122,10 +115,12 @@ impl Panel {
             "<svg x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{BODY}\" \
              viewBox=\"{LEFT} {top} {width} {BODY}\">"
         );
-        for mark in &self.marks {
-            svg += &mark.draw(&x, &y, right);
-        }
+        // All dots are within axes that were made around them, and a dot at their end is seen whole.
+        let (outside, inside): (Vec<&Mark>, Vec<&Mark>) =
+            self.marks.iter().partition(|mark| matches!(mark.shape, Shape::Dots(_)) && self.y_range.is_none());
+        svg.extend(inside.into_iter().map(|mark| mark.draw(&x, &y, right)));
         svg += "</svg>\n";
+        svg.extend(outside.into_iter().map(|mark| mark.draw(&x, &y, right)));
         svg + &self.legend(top)
     }
 
@@ -163,6 +158,11 @@ fn from_zero(mut values: Vec<f64>) -> Vec<f64> {
     let high = values.iter().copied().fold(0.0, f64::max);
     values.retain(|y| !(-HAIR * high..0.0).contains(y));
     values
+}
+
+/// Pixels.
+fn dot_radius(dots: &[(f64, f64)]) -> f64 {
+    if dots.len() > FEW_DOTS { 2.2 } else { 4.5 }
 }
 
 impl Mark {
@@ -206,9 +206,10 @@ impl Mark {
                 format!("<path class=\"{class}\" d=\"M{}Z\" {paint}/>\n", at.join("L"))
             }
             Shape::Dots(points) => {
+                let radius = dot_radius(points);
                 let dot = |(px, py): &(f64, f64)| {
                     let (cx, cy) = (x.at(*px), y.at(*py));
-                    format!("<circle class=\"{class}\" cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"4.5\" {paint}/>\n")
+                    format!("<circle class=\"{class}\" cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"{radius}\" {paint}/>\n")
                 };
                 points.iter().map(dot).collect::<Vec<_>>().concat()
             }
@@ -224,8 +225,9 @@ impl Mark {
         let (class, paint) = (self.class(), self.paint());
         let middle = y - 4.5;
         match self.shape {
-            Shape::Dots(_) => {
-                format!("<circle class=\"{class}\" cx=\"{}\" cy=\"{middle}\" r=\"4.5\" {paint}/>\n", x + 10.0)
+            Shape::Dots(ref points) => {
+                let (x, radius) = (x + 10.0, dot_radius(points));
+                format!("<circle class=\"{class}\" cx=\"{x}\" cy=\"{middle}\" r=\"{radius}\" {paint}/>\n")
             }
             Shape::Band(_) => {
                 let (top, low, right) = (middle - 5.0, middle + 5.0, x + 20.0);
@@ -237,7 +239,7 @@ impl Mark {
 
     fn class(&self) -> String {
         let kind = if matches!(self.shape, Shape::Band(_) | Shape::Dots(_)) { "fill" } else { "stroke" };
-        format!("{kind}-{:?}", self.colour).to_lowercase()
+        format!("{kind}-{}", self.colour.name())
     }
 
     fn paint(&self) -> String {
@@ -265,6 +267,16 @@ impl Colour {
             Self::Orange => "#c8501e",
             Self::Green => "#2c7f4f",
             Self::Grey => "#6b7280",
+        }
+    }
+
+    /// In classes.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Blue => "blue",
+            Self::Orange => "orange",
+            Self::Green => "green",
+            Self::Grey => "grey",
         }
     }
 }

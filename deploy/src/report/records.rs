@@ -16,7 +16,7 @@ pub(crate) struct Records {
 }
 
 /// The mean of one evaluation.
-#[derive(Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Evaluation {
     /// Policy that was evaluated.
     pub(crate) version: u64,

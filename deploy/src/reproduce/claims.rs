@@ -3,6 +3,7 @@
 use super::curves::{self, Curve};
 use super::gather::{Pair, Trained};
 use super::measure::Readings;
+use crate::report::records::Evaluation;
 use serde::Serialize;
 
 /// Numbers that the paper gives.
@@ -39,6 +40,8 @@ pub(super) struct Side {
     pub(super) fall_rate: f64,
     /// Mean length of an evaluation episode, s.
     pub(super) seconds: f64,
+    /// Episodes of its training.
+    pub(super) episodes: u64,
     /// Episode at which the smoothed training return first reached the paper's final one.
     pub(super) reached_paper_at: Option<f64>,
 }
@@ -54,6 +57,10 @@ pub(super) struct Facts {
     pub(super) torque: Side,
     /// Episode of Group_1 from which its smoothed return stays above Group_0's at equal transitions.
     pub(super) overtakes_at: Option<f64>,
+    /// Lowest mean of Group_1's evaluations after the first that came near the best constant gait, that one included.
+    pub(super) lowest_after: Option<f64>,
+    /// Mean return of the best constant gait.
+    pub(super) best_constant: f64,
 }
 
 /// One claim with its verdict.
@@ -70,7 +77,7 @@ pub(super) struct Claim {
     pub(super) holds_on: usize,
     /// Seeds that can tell.
     pub(super) seeds: usize,
-    /// Seeds that cannot, because Group_0 falls too soon to be compared with.
+    /// Seeds that cannot; the verdict says why.
     pub(super) left_out: usize,
     /// The verdict in words.
     pub(super) verdict: String,
@@ -83,21 +90,20 @@ impl Claim {
     }
 }
 
-fn verdict(holds_on: usize, seeds: usize, left_out: usize) -> String {
+fn verdict(holds_on: usize, seeds: usize, left_out: usize, why: &str) -> String {
     let verdict = match (holds_on, seeds) {
-        (_, 0) => return format!("cannot be told: Group_0 falls too soon on all of {left_out} seeds"),
-        (on, of) if on == of => format!("holds on {of} of {of} seeds"),
+        (_, 0) => return format!("cannot be told on any of {left_out} seeds: {why}"),
+        (on, of) if on == of => format!("holds on {on} of {of} seeds"),
         (0, of) => format!("does not hold on any of {of} seeds"),
         (on, of) => format!("holds on {on} of {of} seeds only"),
     };
-    let rest =
-        if left_out > 0 { format!("; on {left_out} more Group_0 falls too soon to tell") } else { String::new() };
+    let rest = if left_out > 0 { format!("; cannot be told on {left_out} more: {why}") } else { String::new() };
     verdict + &rest
 }
 
 impl Facts {
-    /// The figures of a pair of trainings.
-    pub(super) fn of(pair: &Pair) -> Self {
+    /// The figures of a pair of trainings, beside the return of the best constant gait.
+    pub(super) fn of(pair: &Pair, best_constant: f64) -> Self {
         let transitions = pair.gait.over_transitions();
         let overtakes = overtaking(&transitions, &pair.torque.over_transitions());
         let lines = &pair.gait.lines;
@@ -108,6 +114,8 @@ impl Facts {
             gait: Side::of(&pair.gait, paper::GAIT_RETURN),
             torque: Side::of(&pair.torque, paper::TORQUE_RETURN),
             overtakes_at: overtakes.and_then(episode_at),
+            lowest_after: lowest_after(&pair.gait.evaluations, NEAR * best_constant),
+            best_constant,
         }
     }
 }
@@ -122,6 +130,7 @@ impl Side {
             pitch_variance: evaluation.pitch_variance.mean,
             fall_rate: evaluation.fall_rate,
             seconds: evaluation.seconds.mean,
+            episodes: trained.cost.episodes,
             reached_paper_at: curves::reaches(&trained.over_episodes(), level),
         }
     }
@@ -136,6 +145,21 @@ fn overtaking(a: &Curve, b: &Curve) -> Option<f64> {
     common.into_iter().filter(|x| *x > last_below).min_by(f64::total_cmp)
 }
 
+/// The lowest of the evaluations from the first on that reached `level`; none if none did.
+fn lowest_after(evaluations: &[Evaluation], level: f64) -> Option<f64> {
+    let returns = evaluations.iter().map(|evaluation| evaluation.mean_return);
+    returns.skip_while(|value| *value < level).min_by(f64::total_cmp)
+}
+
+/// Whether something that came at this episode, if it came, came in time. A training that ended before the time was over
+/// cannot tell what would have come.
+fn in_time(at: Option<f64>, episodes: u64, limit: f64) -> Option<bool> {
+    match at {
+        Some(at) => Some(at <= limit),
+        None => (episodes as f64 >= limit).then_some(false),
+    }
+}
+
 /// True when Group_1's return is above Group_0's by the paper's factor; a return of Group_0 that is not positive has no
 /// factor, there Group_1 must be above it by the same share of its size.
 pub(super) fn beats(gait: f64, torque: f64) -> bool {
@@ -145,10 +169,19 @@ pub(super) fn beats(gait: f64, torque: f64) -> bool {
 /// Mean length of Group_0's episodes from which its variances can be compared, s: a few strides.
 const COMPARABLE_SECS: f64 = 2.0;
 
+/// Share of the best constant gait's return that is near it.
+const NEAR: f64 = 0.95;
+
+/// Why a seed cannot tell.
+const ALL_TELL: &str = "";
+const TOO_FEW: &str = "too few episodes";
+const FALLS: &str = "Group_0 falls too soon";
+const NEVER_NEAR: &str = "no evaluation of its training came near the best constant gait";
+
 /// Every claim that can be checked.
 pub(super) fn all(facts: &[Facts]) -> Vec<Claim> {
     let court = Court(facts);
-    [court.returns(), court.course(), court.steadiness()].concat()
+    [court.returns(), court.course(), court.steadiness(), vec![court.lasting()]].concat()
 }
 
 /// Judges claims by the facts of some seeds.
@@ -163,18 +196,21 @@ impl Court<'_> {
                 "Group_1 ends at this return",
                 format!("{:.0}", paper::GAIT_RETURN),
                 plain(|f| f.gait.value),
+                ALL_TELL,
                 |f| Some(f.gait.value >= paper::GAIT_RETURN),
             ),
             self.claim(
                 "Group_0 ends at this return",
                 format!("{:.0}", paper::TORQUE_RETURN),
                 plain(|f| f.torque.value),
+                ALL_TELL,
                 |f| Some(f.torque.value >= paper::TORQUE_RETURN),
             ),
             self.claim(
                 "Group_1 earns this many times what Group_0 does, after as many transitions",
                 format!("{:.2}", paper::RATIO),
                 multiples(&self.figures(|f| f.gait.value), &self.figures(|f| f.torque.value), |x| format!("{x:.2}")),
+                ALL_TELL,
                 |f| Some(beats(f.gait.value, f.torque.value)),
             ),
         ]
@@ -191,13 +227,15 @@ impl Court<'_> {
                 "Group_1 has risen by this episode (ours: smoothed return reaches the paper's)",
                 format!("{:.0}", paper::RISE_EPISODE),
                 episodes(|f| f.gait.reached_paper_at),
-                |f| Some(f.gait.reached_paper_at.is_some_and(|at| at <= paper::RISE_EPISODE)),
+                TOO_FEW,
+                |f| in_time(f.gait.reached_paper_at, f.gait.episodes, paper::RISE_EPISODE),
             ),
             self.claim(
                 "Group_1 is above Group_0 from this episode on (ours: at equal transitions)",
                 format!("{:.0}", paper::OVERTAKING_EPISODE),
                 episodes(|f| f.overtakes_at),
-                |f| Some(f.overtakes_at.is_some_and(|at| at <= paper::OVERTAKING_EPISODE)),
+                TOO_FEW,
+                |f| in_time(f.overtakes_at, f.gait.episodes, paper::OVERTAKING_EPISODE),
             ),
         ]
     }
@@ -217,35 +255,62 @@ impl Court<'_> {
                 "Group_1 rolls less than Group_0 (variance, rad²)",
                 against(paper::ROLL),
                 both(|f| f.gait.roll_variance, |f| f.torque.roll_variance),
+                FALLS,
                 |f| comparable(f).then_some(f.gait.roll_variance < f.torque.roll_variance),
             ),
             self.claim(
                 "Group_1 pitches less than Group_0 (variance, rad²)",
                 against(paper::PITCH),
                 both(|f| f.gait.pitch_variance, |f| f.torque.pitch_variance),
+                FALLS,
                 |f| comparable(f).then_some(f.gait.pitch_variance < f.torque.pitch_variance),
             ),
             self.claim(
                 "Group_1 rolls no more than the paper's (variance, rad²)",
                 format!("{:.1e}", paper::ROLL.0),
                 times(|f| f.gait.roll_variance, paper::ROLL.0),
+                ALL_TELL,
                 |f| Some(f.gait.roll_variance <= paper::ROLL.0),
             ),
             self.claim(
                 "Group_1 pitches no more than the paper's (variance, rad²)",
                 format!("{:.1e}", paper::PITCH.0),
                 times(|f| f.gait.pitch_variance, paper::PITCH.0),
+                ALL_TELL,
                 |f| Some(f.gait.pitch_variance <= paper::PITCH.0),
             ),
         ]
     }
 
-    /// A claim with its verdict; a seed for which `holds` has no answer is left out.
-    fn claim(&self, text: &str, paper: String, ours: String, holds: impl Fn(&Facts) -> Option<bool>) -> Claim {
+    /// Whether what was learned stays; ours, for the paper shows no more than one rise.
+    fn lasting(&self) -> Claim {
+        let lowest: Vec<f64> = self.0.iter().filter_map(|f| f.lowest_after).collect();
+        let constant = self.0.first().map_or(f64::NAN, |f| f.best_constant);
+        let near = format!("{:.0} %", 100.0 * NEAR);
+        self.claim(
+            &format!(
+                "Group_1 does not decay (ours: lowest evaluation once at {near} of the best constant gait's return)"
+            ),
+            "not told".to_owned(),
+            format!("{}; {near} is {:.1}", spread(&lowest, |x| format!("{x:.1}")), NEAR * constant),
+            NEVER_NEAR,
+            |f| f.lowest_after.map(|lowest| lowest >= NEAR * f.best_constant),
+        )
+    }
+
+    /// A claim with its verdict; a seed for which `holds` has no answer is left out, and `why` says why.
+    fn claim(
+        &self,
+        text: &str,
+        paper: String,
+        ours: String,
+        why: &str,
+        holds: impl Fn(&Facts) -> Option<bool>,
+    ) -> Claim {
         let answers: Vec<bool> = self.0.iter().filter_map(holds).collect();
         let (holds_on, seeds) = (answers.iter().filter(|holds| **holds).count(), answers.len());
         let left_out = self.0.len() - seeds;
-        let verdict = verdict(holds_on, seeds, left_out);
+        let verdict = verdict(holds_on, seeds, left_out, why);
         Claim { text: text.to_owned(), paper, ours, holds_on, seeds, left_out, verdict }
     }
 
@@ -287,21 +352,24 @@ mod tests {
             pitch_variance: 1e-4,
             fall_rate: 0.0,
             seconds: 10.0,
+            episodes: 4000,
             reached_paper_at: (value > 175.0).then_some(60.0),
         }
     }
 
     fn facts(gait: f64, torque: f64) -> Facts {
-        Facts { seed: 1, gait: side(gait, 1e-4), torque: side(torque, 2e-5), overtakes_at: Some(80.0) }
+        let (gait, torque) = (side(gait, 1e-4), side(torque, 2e-5));
+        let (lowest_after, best_constant) = (Some(gait.value - 10.0), 900.0);
+        Facts { seed: 1, gait, torque, overtakes_at: Some(80.0), lowest_after, best_constant }
     }
 
     #[test]
     fn verdicts_count_seeds() {
         let claims = all(&[facts(1800.0, 120.0), facts(160.0, 130.0), facts(900.0, -20.0)]);
         let found: Vec<(usize, bool)> = claims.iter().map(|claim| (claim.holds_on, claim.holds())).collect();
-        let expected =
-            [(2, false), (2, false), (2, false), (2, false), (3, true), (0, false), (0, false), (3, true), (3, true)];
-        assert_eq!(found, expected, "{claims:#?}");
+        let steadiness = [(0, false), (0, false), (3, true), (3, true)];
+        let rest = [(2, false), (2, false), (2, false), (2, false), (3, true)];
+        assert_eq!(found, [&rest[..], &steadiness, &[(2, false)]].concat(), "{claims:#?}");
         assert_eq!(claims[0].verdict, "holds on 2 of 3 seeds only");
         assert_eq!(claims[5].verdict, "does not hold on any of 3 seeds");
         assert_eq!(claims[7].verdict, "holds on 3 of 3 seeds");
@@ -314,9 +382,36 @@ mod tests {
         (toppled.torque.seconds, toppled.torque.roll_variance) = (0.1, 1.0);
         let claims = all(&[toppled.clone(), facts(1800.0, 120.0)]);
         assert_eq!((claims[5].holds_on, claims[5].seeds, claims[5].left_out), (0, 1, 1));
-        assert_eq!(claims[5].verdict, "does not hold on any of 1 seeds; on 1 more Group_0 falls too soon to tell");
+        assert_eq!(
+            claims[5].verdict,
+            "does not hold on any of 1 seeds; cannot be told on 1 more: Group_0 falls too soon"
+        );
         let alone = all(&[toppled]);
         assert!(!alone[5].holds() && alone[5].verdict.starts_with("cannot be told"), "{:?}", alone[5]);
+    }
+
+    #[test]
+    fn a_short_training_refutes_nothing() {
+        let mut short = facts(100.0, 90.0);
+        (short.gait.episodes, short.overtakes_at, short.lowest_after) = (19, None, None);
+        let claims = all(&[short.clone()]);
+        for index in [3, 4, 9] {
+            assert!(claims[index].verdict.starts_with("cannot be told on any of 1 seeds: "), "{:?}", claims[index]);
+        }
+        short.gait.episodes = 4000;
+        assert_eq!(all(&[short])[3].verdict, "does not hold on any of 1 seeds");
+    }
+
+    #[test]
+    fn decay_counts_from_the_first_that_came_near() {
+        let evaluations = |returns: &[f64]| -> Vec<Evaluation> {
+            let of = |(version, mean_return): (u64, &f64)| Evaluation { version, mean_return: *mean_return };
+            (0..).zip(returns).map(of).collect()
+        };
+        let lowest = |returns: &[f64]| lowest_after(&evaluations(returns), 95.0);
+        assert_eq!(lowest(&[0.0, 50.0, 96.0, 99.0, 97.0]), Some(96.0));
+        assert_eq!(lowest(&[0.0, 96.0, 20.0, 99.0]), Some(20.0));
+        assert_eq!((lowest(&[0.0, 94.0]), lowest(&[])), (None, None));
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //!
 //! | reading | what it takes eq 10 for |
 //! |---|---|
-//! | summed | r every T_s = 25 ms, added up: what herd trains on |
-//! | per decision | r once, at the end of each decision, T_s still 25 ms |
+//! | summed | r every T_s, added up: what herd trains on |
+//! | per decision | r once, at the end of each decision, with the same T_s |
 //! | normalised | τ over the torque limit, as in the original that eq 10 comes from |
 //! | raw | τ in N·m, as the letter of the paper has it |
 
@@ -75,16 +75,21 @@ pub(super) struct Measured {
 }
 
 impl Measured {
-    /// An evaluation with pictures whose numbers are cut to what can be seen: 10 µm, 10 µrad.
-    pub(super) fn new(evaluation: Evaluation, mut frames: Vec<Frame>) -> Self {
-        for frame in &mut frames {
-            let points = frame.trunk.iter_mut().chain(frame.legs.iter_mut().flatten()).flatten();
-            for number in points.chain(&mut frame.centre).chain(&mut frame.angles).chain([&mut frame.secs]) {
-                *number = (*number * 1e5).round() / 1e5;
-            }
-        }
-        Self { evaluation, frames }
+    /// An evaluation with its pictures.
+    pub(super) fn new(evaluation: Evaluation, frames: Vec<Frame>) -> Self {
+        Self { evaluation, frames: cut(frames) }
     }
+}
+
+/// The pictures with their numbers cut to what can be seen: 10 µm, 10 µrad.
+pub(super) fn cut(mut frames: Vec<Frame>) -> Vec<Frame> {
+    for frame in &mut frames {
+        let points = frame.trunk.iter_mut().chain(&mut frame.across).chain(frame.legs.iter_mut().flatten()).flatten();
+        for number in points.chain(&mut frame.centre).chain(&mut frame.angles).chain([&mut frame.secs]) {
+            *number = (*number * 1e5).round() / 1e5;
+        }
+    }
+    frames
 }
 
 impl Interval {
@@ -134,15 +139,32 @@ impl<T> Readings<T> {
         }
     }
 
-    /// Each with its name.
-    pub(super) fn named(&self) -> [(&'static str, &T); 4] {
+    /// Each with its name, for rewards that are sampled every `sample_secs`.
+    pub(super) fn named(&self, sample_secs: f64) -> [(String, &T); 4] {
+        let summed = |unit: &str| format!("summed every {} ms, {unit}", millis(sample_secs));
+        let once = |unit: &str| format!("once per decision, {unit}");
+        let [normalised, raw] = [TorqueUnit::Normalised, TorqueUnit::NewtonMetre].map(unit_name);
         [
-            ("summed every 25 ms, τ normalised", &self.summed_normalised),
-            ("summed every 25 ms, τ in N·m", &self.summed_raw),
-            ("once per decision, τ normalised", &self.per_decision_normalised),
-            ("once per decision, τ in N·m", &self.per_decision_raw),
+            (summed(normalised), &self.summed_normalised),
+            (summed(raw), &self.summed_raw),
+            (once(normalised), &self.per_decision_normalised),
+            (once(raw), &self.per_decision_raw),
         ]
     }
+}
+
+/// How a reading tells the unit of torque.
+pub(super) fn unit_name(unit: TorqueUnit) -> &'static str {
+    match unit {
+        TorqueUnit::Normalised => "τ normalised",
+        TorqueUnit::NewtonMetre => "τ in N·m",
+    }
+}
+
+/// Whole milliseconds where they are whole.
+pub(super) fn millis(secs: f64) -> String {
+    let ms = (secs * 1e6).round() / 1e3;
+    format!("{ms}")
 }
 
 impl Evaluation {
@@ -212,9 +234,17 @@ mod tests {
         paid_raw.outcome.reward.effort *= 900.0;
         paid_raw.per_decision.effort *= 900.0;
         let other = Readings::of(&paid_raw, &raw);
-        for ((_, a), (_, b)) in readings.named().into_iter().zip(other.named()) {
+        for ((_, a), (_, b)) in readings.named(0.025).into_iter().zip(other.named(0.025)) {
             close(*a, *b);
         }
+    }
+
+    #[test]
+    fn readings_are_named_by_how_often_they_are_paid() {
+        let names = |secs| Readings::<f64>::default().named(secs).map(|(name, _)| name);
+        assert_eq!(names(0.025)[0], "summed every 25 ms, τ normalised");
+        assert_eq!(names(0.0125)[1], "summed every 12.5 ms, τ in N·m");
+        assert_eq!(names(0.025)[3], "once per decision, τ in N·m");
     }
 
     #[test]

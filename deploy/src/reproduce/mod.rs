@@ -2,6 +2,8 @@
 //! kept, so the same command goes on where it stopped.
 
 mod ablations;
+mod against;
+mod beyond;
 mod budget;
 mod claims;
 mod course;
@@ -10,13 +12,16 @@ mod figures;
 mod gather;
 mod html;
 mod measure;
+mod place;
 mod play;
 mod report;
 mod search;
+mod seek;
 mod settings;
 mod steps;
 mod store;
 mod strips;
+mod subject;
 mod training;
 
 use crate::out;
@@ -53,7 +58,10 @@ pub(crate) struct Args {
     /// Episodes of each evaluation [default: 50, or 10 with --quick].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     evaluation_episodes: Option<u64>,
-    /// Episodes to search the best constant gait with [default: as many as a gait training has].
+    /// Episodes of each training on rough ground [default: twice --episodes, or as many with --quick].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    rough_episodes: Option<u64>,
+    /// Episodes whose time may go into the search on flat ground [default: as many as a gait training has].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     search_episodes: Option<u64>,
     /// Actor processes of each training, and threads of search and evaluation.
@@ -61,7 +69,9 @@ pub(crate) struct Args {
     actors: u32,
     /// What to do, in this order whatever the order here.
     #[arg(long, value_name = "STAGES", value_delimiter = ',', value_enum,
-          default_values_t = [Stage::Gait, Stage::Torque, Stage::Constant, Stage::Evaluation, Stage::Report])]
+          default_values_t = [
+              Stage::Gait, Stage::Torque, Stage::Constant, Stage::Evaluation, Stage::Rough, Stage::Report,
+          ])]
     stages: Vec<Stage>,
     /// Train what the learner is made of, part by part, too: short for adding it to --stages.
     #[arg(long)]
@@ -86,8 +96,10 @@ pub(crate) enum Stage {
     Torque,
     /// Search the best constant gait.
     Constant,
-    /// Measure what was trained and found.
+    /// Measure what was trained and found on flat ground.
     Evaluation,
+    /// Train Group_1 on slopes, under load, with little grip and pushed; search a constant gait for that; measure both.
+    Rough,
     /// Train and measure what lacks a part.
     Ablations,
     /// Write the report.

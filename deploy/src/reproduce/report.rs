@@ -1,18 +1,21 @@
 //! The report: every number as JSON, every figure as SVG and PNG, and one page that has it all.
 
+use super::against::Against;
 use super::claims::{self, Claim, Facts};
 use super::curves::{Band, Curve, band};
 use super::figures::{self, Figure};
-use super::gather::{Gathered, Lacking, Trained, best};
+use super::gather::{self, ConstantGait, Gathered, Lacking, Trained, best};
 use super::html;
 use super::measure::{Evaluation, Measured};
+use super::place::Place;
+use super::search::Found;
 use super::settings::Settings;
-use super::steps::Searched;
 use super::store::write_whole;
 use super::training::Cost;
 use super::{Stage, ablations};
-use crate::report::png;
+use crate::report::{png, records};
 use crate::table::facts as aligned;
+use crate::version;
 use anyhow::Context;
 use herd_common::config::task;
 use serde::Serialize;
@@ -23,6 +26,8 @@ use std::path::PathBuf;
 pub(super) struct Report<'a> {
     /// Of herd.
     pub(super) version: &'static str,
+    /// That the herd which wrote this was built from.
+    pub(super) commit: &'static str,
     /// What was asked for.
     pub(super) settings: &'a Settings,
     /// The paper's claims with their verdicts.
@@ -37,6 +42,10 @@ pub(super) struct Report<'a> {
     pub(super) untrained: &'a Evaluation,
     /// The best constant gait.
     pub(super) constant: Constant<'a>,
+    /// The same on rough ground, if it was done.
+    pub(super) rough: Option<Rough<'a>>,
+    /// Group_1 against the best constant gait: on flat ground, and on rough ground if it was trained there.
+    pub(super) against: Vec<Against>,
     /// What each part of the learner does; the default comes first.
     pub(super) ablations: Vec<Part<'a>>,
     /// Figure 7.
@@ -56,6 +65,30 @@ pub(super) struct Run<'a> {
     pub(super) last_training_return: Option<f64>,
     /// Episode at which the smoothed return first reached the paper's of Group_1.
     pub(super) reached_175_at: Option<f64>,
+    /// Evaluations while it went on, without noise.
+    pub(super) evaluations: &'a [records::Evaluation],
+    /// Its last policy, without noise.
+    pub(super) evaluation: &'a Evaluation,
+}
+
+/// What came of rough ground.
+#[derive(Serialize)]
+pub(super) struct Rough<'a> {
+    /// Group_1, trained there.
+    pub(super) group_1: Vec<Run<'a>>,
+    /// Group_1, trained on flat ground: its evaluation on rough ground.
+    pub(super) flat_group_1: Vec<Abroad<'a>>,
+    /// The best constant gait of rough ground.
+    pub(super) constant: Constant<'a>,
+    /// The best constant gait of flat ground, on rough ground.
+    pub(super) flat_constant: &'a Evaluation,
+}
+
+/// A training of another place.
+#[derive(Serialize)]
+pub(super) struct Abroad<'a> {
+    /// Its seed.
+    pub(super) seed: u64,
     /// Its last policy, without noise.
     pub(super) evaluation: &'a Evaluation,
 }
@@ -66,7 +99,7 @@ pub(super) struct Constant<'a> {
     /// The gait.
     pub(super) gait: task::Constant,
     /// How it was found.
-    pub(super) search: Searched,
+    pub(super) search: Found,
     /// What it is worth.
     pub(super) evaluation: &'a Evaluation,
 }
@@ -112,7 +145,7 @@ pub(super) struct Walk {
 pub(super) fn write(settings: &Settings) -> anyhow::Result<()> {
     let gathered = Gathered::read(settings)?;
     let report = Report::new(settings, &gathered);
-    let figures = figures::all(&gathered, &settings.base.task.constant);
+    let figures = figures::all(&gathered, settings);
     let directory = directory(settings);
     std::fs::create_dir_all(&directory).context("make the directory of the report")?;
     for Figure { name, svg, .. } in &figures {
@@ -137,7 +170,8 @@ pub(super) fn farewell(settings: &Settings) -> anyhow::Result<String> {
         .map(|claim| (claim.text.as_str(), format!("{} · {}", claim.verdict, claim.ours)))
         .collect();
     let page = directory(settings).join("index.html");
-    Ok(format!("{}\n{}\n{}", aligned(&claims), html::against_constant(&report), page.display()))
+    let against: Vec<&str> = report.against.iter().map(|against| against.words.as_str()).collect();
+    Ok(format!("{}\n{}\n{}", aligned(&claims), against.join("\n"), page.display()))
 }
 
 fn directory(settings: &Settings) -> PathBuf {
@@ -146,21 +180,21 @@ fn directory(settings: &Settings) -> PathBuf {
 
 impl<'a> Report<'a> {
     fn new(settings: &'a Settings, gathered: &'a Gathered) -> Self {
-        let facts: Vec<Facts> = gathered.pairs.iter().map(Facts::of).collect();
         let constant = &gathered.constant;
+        let best_constant = constant.measured.evaluation.value.mean;
+        let facts: Vec<Facts> = gathered.pairs.iter().map(|pair| Facts::of(pair, best_constant)).collect();
         Self {
             version: env!("CARGO_PKG_VERSION"),
+            commit: version::COMMIT,
             settings,
             claims: claims::all(&facts),
             facts,
             group_1: gathered.gaits().map(Run::of).collect(),
             group_0: gathered.torques().map(Run::of).collect(),
             untrained: &gathered.untrained.evaluation,
-            constant: Constant {
-                gait: constant.gait,
-                search: constant.searched,
-                evaluation: &constant.measured.evaluation,
-            },
+            constant: Constant::of(constant),
+            rough: gathered.rough.as_ref().map(Rough::of),
+            against: against(gathered),
             ablations: gathered.ablations.iter().map(Part::of).collect(),
             curves: Curves::of(gathered),
             walks: walks(gathered),
@@ -176,9 +210,41 @@ impl<'a> Run<'a> {
             cost: trained.cost,
             last_training_return: curve.last().map(|(_, value)| *value),
             reached_175_at: super::curves::reaches(&curve, claims::paper::GAIT_RETURN),
+            evaluations: &trained.evaluations,
             evaluation: &trained.measured.evaluation,
         }
     }
+}
+
+impl<'a> Constant<'a> {
+    fn of(constant: &'a ConstantGait) -> Self {
+        Self { gait: constant.gait, search: constant.found, evaluation: &constant.measured.evaluation }
+    }
+}
+
+impl<'a> Rough<'a> {
+    fn of(rough: &'a gather::Rough) -> Self {
+        let abroad = |(seed, measured): &'a (u64, Measured)| Abroad { seed: *seed, evaluation: &measured.evaluation };
+        Self {
+            group_1: rough.gaits.iter().map(Run::of).collect(),
+            flat_group_1: rough.flat_gaits.iter().map(abroad).collect(),
+            constant: Constant::of(&rough.constant),
+            flat_constant: &rough.flat_constant.evaluation,
+        }
+    }
+}
+
+/// Each place's planners against its best constant gait.
+fn against(gathered: &Gathered) -> Vec<Against> {
+    fn planners<'a>(trained: impl Iterator<Item = &'a Trained>) -> Vec<(u64, &'a Evaluation)> {
+        trained.map(|trained| (trained.seed, &trained.measured.evaluation)).collect()
+    }
+    let flat = Against::of(Place::Flat, &planners(gathered.gaits()), &gathered.constant.measured.evaluation);
+    let rough = gathered
+        .rough
+        .as_ref()
+        .map(|rough| Against::of(Place::Rough, &planners(rough.gaits.iter()), &rough.constant.measured.evaluation));
+    [flat].into_iter().chain(rough).collect()
 }
 
 impl<'a> Part<'a> {

@@ -1,6 +1,7 @@
 //! What a reproduction is made of: its seeds, sizes and configuration, all from the command line.
 
-use super::search;
+use super::place::Place;
+use super::search::Plan;
 use super::store::write_whole;
 use super::training::{Goal, Training};
 use super::{Args, Stage};
@@ -28,8 +29,11 @@ pub(super) struct Settings {
     pub(super) episodes: u64,
     /// Episodes of an evaluation.
     pub(super) evaluation_episodes: u64,
-    /// The search for a constant gait.
-    pub(super) search: search::Plan,
+    /// Episodes of a training on rough ground.
+    pub(super) rough_episodes: u64,
+    /// Episodes whose time may be spent on the search for the best constant gait on flat ground. On rough ground it is
+    /// the simulated time of a training there.
+    pub(super) search_episodes: u64,
     /// Actor processes of a training, and threads of everything else.
     pub(super) actors: u32,
     /// Seeds of the ablations.
@@ -64,12 +68,8 @@ impl Settings {
             seeds: distinct(&args.seeds, "--seeds")?,
             episodes,
             evaluation_episodes: args.evaluation_episodes.unwrap_or(full(10, 50)),
-            search: search::Plan {
-                budget: args.search_episodes.unwrap_or(episodes),
-                points: 3,
-                finalists: 5,
-                repeats: full(1, 3) as usize,
-            },
+            rough_episodes: args.rough_episodes.unwrap_or(full(1, 2) * episodes),
+            search_episodes: args.search_episodes.unwrap_or(episodes),
             actors: args.actors,
             ablation_seeds: among(&args.seeds, args.ablation_seeds.as_deref().unwrap_or(&args.seeds[..1]))?,
             stages,
@@ -97,6 +97,12 @@ impl Settings {
         Training { name: format!("torque-seed-{seed}"), seed, sets, goal }
     }
 
+    /// The training of Group_1 on rough ground with this seed.
+    pub(super) fn rough(&self, seed: u64) -> Training {
+        let sets = [vec!["task.kind=gait".to_owned()], Place::Rough.sets()].concat();
+        Training { name: format!("rough-seed-{seed}"), seed, sets, goal: Goal::Episodes(self.rough_episodes) }
+    }
+
     /// The training of an ablation with this seed.
     pub(super) fn ablation(&self, ablation: &super::ablations::Ablation, seed: u64) -> Training {
         let sets = [vec!["task.kind=gait".to_owned()], ablation.sets.clone()].concat();
@@ -110,10 +116,38 @@ impl Settings {
         (0..self.evaluation_episodes).map(|index| root.child("evaluation", index)).collect()
     }
 
-    /// The seeds of the search, as many as it repeats a gait.
-    pub(super) fn search_seeds(&self) -> Vec<Seed> {
+    /// The search for the best constant gait of a place. On rough ground it may take as much simulated time as the
+    /// longest of the trainings there; none before they are over.
+    pub(super) fn plan(&self, place: Place) -> anyhow::Result<Option<Plan>> {
+        let episode_secs = self.base.task.episode_secs;
+        if place == Place::Flat {
+            let budget_secs = self.search_episodes as f64 * episode_secs;
+            let repeats = if self.quick { 1 } else { 3 };
+            return Ok(Some(Plan { budget_secs, episode_secs, points: 3, grid_repeats: 1, finalists: 5, repeats }));
+        }
+        let mut budget_secs = 0.0_f64;
+        for training in self.seeds.iter().map(|seed| self.rough(*seed)) {
+            if training.next_target(&self.dir)?.is_some() {
+                return Ok(None);
+            }
+            budget_secs = budget_secs.max(training.cost(&self.dir)?.simulated_secs);
+        }
+        // Episodes differ here, so a gait needs several before it can be told from its neighbours.
+        let (grid_repeats, finalists, repeats) = if self.quick { (1, 5, 3) } else { (3, 10, 16) };
+        Ok(Some(Plan { budget_secs, episode_secs, points: 3, grid_repeats, finalists, repeats }))
+    }
+
+    /// The same; that it is too early is an error.
+    pub(super) fn expect_plan(&self, place: Place) -> anyhow::Result<Plan> {
+        let text = "the search on rough ground may take as long as a training there: train first (--stages rough)";
+        self.plan(place)?.ok_or_else(|| Failure::usage(text).into())
+    }
+
+    /// The seeds of a search, as many as it tries a gait with.
+    pub(super) fn search_seeds(&self, plan: &Plan) -> Vec<Seed> {
         let root = Seed::from_number(SEARCH_ROOT);
-        (0..self.search.repeats.max(1) as u64).map(|index| root.child("search", index)).collect()
+        let count = plan.repeats.max(plan.grid_repeats).max(1) as u64;
+        (0..count).map(|index| root.child("search", index)).collect()
     }
 
     fn take_directory(&self) -> anyhow::Result<()> {

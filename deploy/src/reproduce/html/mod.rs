@@ -1,8 +1,10 @@
 //! The report as one page that needs nothing else: tables, drawings, readable on a phone and in the dark.
 
+mod against;
+
 use super::claims;
 use super::figures::Figure;
-use super::measure::{Evaluation, Interval};
+use super::measure::{millis, unit_name};
 use super::report::{Report, Run};
 use crate::report::svg::escape;
 use crate::table::{count, duration, percent};
@@ -15,7 +17,7 @@ pub(super) fn page(report: &Report<'_>, figures: &[Figure]) -> String {
     let mut body = format!("<h1>The paper's experiment, repeated</h1>\n{}", lead(report));
     body += &section("What the paper claims, and what came out", &claims_table(report));
     body += &section("Both readings of the reward", &readings(report));
-    body += &section("Beside the best constant gait", &beside_constant(report));
+    body += &section("Against the best constant gait", &against::section(report));
     let drawn = figures.iter().filter(|figure| figure.name != ABLATIONS).map(drawing).collect::<String>();
     body += &section("Figures", &drawn);
     body += &section("What it cost", &costs(report));
@@ -86,86 +88,40 @@ fn claims_table(report: &Report<'_>) -> String {
 }
 
 fn readings(report: &Report<'_>) -> String {
-    let names = report.facts.first().map(|facts| facts.gait.readings.named().map(|(name, _)| name));
+    let task = &report.settings.base.task;
+    let sample_secs = task.reward.sample_secs;
+    let names = report.facts.first().map(|facts| facts.gait.readings.named(sample_secs).map(|(name, _)| name));
     let rows = names.into_iter().flatten().enumerate().map(|(index, name)| {
         let of = |side: fn(&claims::Facts) -> &claims::Side| -> Vec<f64> {
-            report.facts.iter().map(|facts| *side(facts).readings.named()[index].1).collect()
+            report.facts.iter().map(|facts| *side(facts).readings.named(sample_secs)[index].1).collect()
         };
         let (gait, torque) = (of(|facts| &facts.gait), of(|facts| &facts.torque));
         let on = gait.iter().zip(&torque).filter(|(gait, torque)| claims::beats(**gait, **torque)).count();
         let tell = |figures: &[f64]| claims::spread(figures, |x| format!("{x:.1}"));
         let ratio = claims::multiples(&gait, &torque, |x| format!("{x:.1}"));
-        vec![name.to_owned(), tell(&gait), tell(&torque), ratio, format!("{on} of {}", gait.len())]
+        vec![name, tell(&gait), tell(&torque), ratio, format!("{on} of {}", gait.len())]
     });
     let head = ["eq 10 is", "Group_1", "Group_0", "ratio", "seeds on which Group_1 is 45 % above"];
-    let text = "The paper leaves open how often equation 10 is paid and in which unit torques enter it. Both groups were \
-                trained on the first reading; the others are computed from the same evaluation episodes. Paid once per \
-                decision, T_s stays 25 ms and r is that of the decision's end. A torque decision holds one sample, so \
-                for Group_0 both ways of paying differ only where a fall cuts the last one short.";
-    paragraph(text) + &table(&head, rows)
-}
-
-fn beside_constant(report: &Report<'_>) -> String {
-    let gait = &report.constant.gait;
-    let trained = report.group_1.iter().map(|run| row(format!("Group_1, seed {}", run.seed), run.evaluation));
-    let torque = report.group_0.iter().map(|run| row(format!("Group_0, seed {}", run.seed), run.evaluation));
-    let name = format!(
-        "best constant gait: v_x {:.2} m/s, S {:.3} m, H {:.4} m, Δt {:.3} s",
-        gait.velocity_mps, gait.stride_m, gait.lift_m, gait.step_secs
-    );
-    let others = [row(name, report.constant.evaluation), row("untrained planner".to_owned(), report.untrained)];
-    let head = ["without noise", "return ± 95 %", "speed, m/s", "roll variance, rad²", "pitch variance, rad²", "falls"];
-    let search = &report.constant.search;
-    let text = format!(
-        "The paper does not ask what a fixed gait would earn. The same action box was searched for one: a grid, then steps \
-         around the best, {} gaits in {} episodes, {} of simulated time; a training of Group_1 had {}. {}",
-        count(search.found.gaits),
-        count(search.found.episodes),
-        duration(search.simulated_secs),
-        claims::spread(&report.group_1.iter().map(|run| run.cost.simulated_secs).collect::<Vec<_>>(), duration),
-        against_constant(report),
-    );
-    paragraph(&text) + &table(&head, trained.chain(others).chain(torque))
-}
-
-/// How Group_1 fares against the best constant gait, in a sentence.
-pub(super) fn against_constant(report: &Report<'_>) -> String {
-    let constant = &report.constant.evaluation.value;
-    // One episode tells nothing of the spread, so nothing can be told apart by it.
-    let half = |interval: &Interval| interval.half.unwrap_or(f64::INFINITY);
-    let ends = |interval: &Interval| (interval.mean - half(interval), interval.mean + half(interval));
-    let (low, high) = ends(constant);
-    let of = |holds: &dyn Fn((f64, f64)) -> bool| {
-        report.group_1.iter().filter(|run| holds(ends(&run.evaluation.value))).count()
+    let one_sample = if task.torque.decision_secs == sample_secs {
+        " A torque decision holds one sample, so for Group_0 both ways of paying differ only where a fall cuts the last one \
+         short."
+    } else {
+        ""
     };
-    let (above, below, n) = (of(&|(lowest, _)| lowest > high), of(&|(_, highest)| highest < low), report.group_1.len());
-    format!(
-        "On flat ground, by 95 % intervals over the evaluation episodes, the planner is better than the constant gait \
-         ({:.1}) on {above}, worse on {below} and not told apart from it on {} of {n} seeds.",
-        constant.mean,
-        n - above - below
-    )
-}
-
-fn row(name: String, evaluation: &Evaluation) -> Vec<String> {
-    vec![
-        name,
-        interval(&evaluation.value, 1),
-        interval(&evaluation.speed_mps, 3),
-        format!("{:.1e}", evaluation.roll_variance.mean),
-        format!("{:.1e}", evaluation.pitch_variance.mean),
-        percent(evaluation.fall_rate),
-    ]
-}
-
-fn interval(interval: &Interval, decimals: usize) -> String {
-    let half = interval.half.map(|half| format!(" ± {half:.decimals$}")).unwrap_or_default();
-    format!("{:.decimals$}{half}", interval.mean)
+    let text = format!(
+        "The paper leaves open how often equation 10 is paid and in which unit torques enter it. Both groups were trained \
+         on it summed every {0} ms with {1}; the other readings are computed from the same evaluation episodes. Paid once \
+         per decision, T_s stays {0} ms and r is that of the decision's end.{one_sample}",
+        millis(sample_secs),
+        unit_name(task.reward.torque_unit),
+    );
+    paragraph(&text) + &table(&head, rows)
 }
 
 fn costs(report: &Report<'_>) -> String {
-    let groups = [("Group_1", &report.group_1), ("Group_0", &report.group_0)];
-    let rows = groups.into_iter().flat_map(|(group, runs)| {
+    let rough = report.rough.as_ref().map(|rough| ("Group_1 on rough ground", &rough.group_1));
+    let groups = [("Group_1", &report.group_1), ("Group_0", &report.group_0)].into_iter().chain(rough);
+    let rows = groups.flat_map(|(group, runs)| {
         runs.iter().map(move |run| {
             let cost = &run.cost;
             vec![
@@ -220,10 +176,10 @@ fn method(report: &Report<'_>) -> String {
     let settings = report.settings;
     let seeds = settings.seeds.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     let text = format!(
-        "herd {}, seeds {seeds}. Evaluations are {} episodes without noise, of at most {} s each, from starts that no \
+        "herd {} (commit {}), seeds {seeds}. Evaluations are {} episodes without noise, of at most {} s each, from starts that no \
          training and no search has seen; all policies and gaits get the same. Every training is a run of its own \
          (one learner, {} actors) with its configuration beside it. Numbers of every figure and table are in report.json.",
-        report.version, settings.evaluation_episodes, settings.base.task.episode_secs, settings.actors,
+        report.version, report.commit, settings.evaluation_episodes, settings.base.task.episode_secs, settings.actors,
     );
     format!("{}<pre>herd {}</pre>\n", paragraph(&text), escape(&settings.command))
 }
@@ -235,6 +191,10 @@ fn drawing(figure: &Figure) -> String {
         figure.svg,
         escape(&figure.caption)
     )
+}
+
+fn heading(text: &str) -> String {
+    format!("<h3>{}</h3>\n", escape(text))
 }
 
 fn paragraph(text: &str) -> String {
