@@ -4,8 +4,6 @@
 //! It runs again when HEAD moves or a source changes, and then only: looking at the index would make every
 //! `git status` a reason to link anew.
 
-#![expect(clippy::print_stdout, reason = "what a build script prints is for cargo")]
-
 use std::path::Path;
 use std::process::Command;
 

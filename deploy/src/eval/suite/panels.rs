@@ -109,7 +109,7 @@ impl Panel {
             svg += &text((across.0 - 8.0, at + 4.5), "end", &label);
         }
         svg += &text((f64::midpoint(across.0, across.1), up.0 + 38.0), "middle", x_label);
-        let (beside, middle) = (across.0 - 52.0, f64::midpoint(up.0, up.1));
+        let (beside, middle) = (across.0 - 57.0, f64::midpoint(up.0, up.1));
         let label = text((0.0, 0.0), "middle", self.y_label);
         svg + &format!("<g transform=\"translate({beside:.1} {middle:.1}) rotate(-90)\">{label}</g>\n")
     }
