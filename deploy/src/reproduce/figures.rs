@@ -255,9 +255,9 @@ fn beyond(beyond: &Beyond, gait: &Constant) -> Figure {
     let edge = first_edge(&beyond.steps).unwrap_or(0.0);
     let before_edge = beyond.steps.frames.iter().find(|frame| frame.centre[0] > edge - 0.16).map_or(0.0, |f| f.secs);
     let strips = [
-        on_ground(format!("up a slope of {SLOPE_DEG:.0}°"), &beyond.slope, pace),
+        on_ground(&format!("up a slope of {SLOPE_DEG:.0}°"), &beyond.slope, pace),
         on_ground(
-            format!("over steps of {:.0} mm, up and down every 0.5 m", STEP_M * 1e3),
+            &format!("over steps of {:.0} mm, up and down every 0.5 m", STEP_M * 1e3),
             &beyond.steps,
             Pace { film_from: before_edge, film: 0.1, ..pace },
         ),
@@ -265,7 +265,7 @@ fn beyond(beyond: &Beyond, gait: &Constant) -> Figure {
             eye: Eye::Behind,
             push: Some((PUSH_AT_SECS, PUSH_SECS)),
             ..on_ground(
-                format!("pushed to the left by {PUSH_NS} N·s in {:.0} ms, from behind", PUSH_SECS * 1e3),
+                &format!("pushed to the left by {PUSH_NS} N·s in {:.0} ms, from behind", PUSH_SECS * 1e3),
                 &beyond.push,
                 Pace { film_from: PUSH_AT_SECS - 0.1, film: 0.1, ..pace },
             )
@@ -284,7 +284,7 @@ fn beyond(beyond: &Beyond, gait: &Constant) -> Figure {
     }
 }
 
-fn on_ground(name: String, shown: &Shown, pace: Pace) -> Strip<'_> {
+fn on_ground<'a>(name: &str, shown: &'a Shown, pace: Pace) -> Strip<'a> {
     let fate = match shown.ending {
         Ending::TimedOut => format!("{:.1} m in {:.0} s, no fall", shown.distance_m, shown.seconds),
         _ => format!("falls after {:.1} s", shown.seconds),

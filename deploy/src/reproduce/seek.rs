@@ -10,7 +10,11 @@ use crate::meter::Meter;
 use herd_actor::film::Film;
 use herd_common::config::Config;
 use herd_common::hash::sha256_hex;
+use herd_common::seed::Seed;
 use tokio_util::sync::CancellationToken;
+
+/// Root of the episodes of a search: no training and no evaluation has it.
+const ROOT: u64 = 1_000_002;
 
 /// What the search found, if it was made as these settings say.
 pub(super) fn searched(settings: &Settings, place: Place) -> anyhow::Result<Option<Found>> {
@@ -24,7 +28,9 @@ pub(super) fn seek(settings: &Settings, place: Place, stop: &CancellationToken) 
     if searched(settings, place)?.is_some() {
         return Ok(());
     }
-    let seeds = settings.search_seeds(&plan);
+    let root = Seed::from_number(ROOT);
+    let count = plan.repeats.max(plan.grid_repeats) as u64;
+    let seeds: Vec<Seed> = (0..count).map(|index| root.child("search", index)).collect();
     let meter = Meter::new(&format!("episodes of constant gaits on {} ground", place.name()), plan.most_episodes());
     let options = play::Options { threads: settings.actors as usize, filmed: false, stop, meter: &meter };
     let mut judge = |actions: &[Action], repeats: usize| {

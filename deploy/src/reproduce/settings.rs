@@ -48,8 +48,6 @@ pub(super) struct Settings {
 
 /// Root of the evaluation episodes: no training has it, and all policies share it.
 const EVALUATION_ROOT: u64 = 1_000_001;
-/// Root of the episodes of the search.
-const SEARCH_ROOT: u64 = 1_000_002;
 
 impl Settings {
     /// The settings that these options mean; refuses a directory that holds a reproduction with another configuration.
@@ -141,13 +139,6 @@ impl Settings {
     pub(super) fn expect_plan(&self, place: Place) -> anyhow::Result<Plan> {
         let text = "the search on rough ground may take as long as a training there: train first (--stages rough)";
         self.plan(place)?.ok_or_else(|| Failure::usage(text).into())
-    }
-
-    /// The seeds of a search, as many as it tries a gait with.
-    pub(super) fn search_seeds(&self, plan: &Plan) -> Vec<Seed> {
-        let root = Seed::from_number(SEARCH_ROOT);
-        let count = plan.repeats.max(plan.grid_repeats).max(1) as u64;
-        (0..count).map(|index| root.child("search", index)).collect()
     }
 
     fn take_directory(&self) -> anyhow::Result<()> {
