@@ -12,7 +12,7 @@ pub(super) enum Place {
     Rough,
 }
 
-/// What rough is. The steepest slopes, the least grip and the strongest pushes trip a fast gait and spare a slow one.
+/// What rough is.
 const ROUGH: [&str; 4] = [
     "scenario.slope_deg=[0, 10]",
     "scenario.friction_factor=[0.45, 1.15]",

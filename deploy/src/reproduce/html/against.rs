@@ -58,7 +58,7 @@ fn on_rough(report: &Report<'_>, rough: &Rough<'_>, against: &Against) -> String
     ];
     let text = format!(
         "Every episode draws {ROUGH_IN_WORDS}. Group_1 was trained there for {} episodes, and the constant gait searched \
-         there too. Variances of roll and pitch hold the slope.",
+         there too.",
         spread(&rough.group_1.iter().map(|run| run.cost.episodes as f64).collect::<Vec<_>>(), |x| count(x as u64)),
     );
     let rows = trained.chain(constants).chain(abroad);
