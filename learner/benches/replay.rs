@@ -40,7 +40,7 @@ fn measure(criterion: &mut Criterion, group: &str, transitions: usize) {
     let mut group = criterion.benchmark_group(group);
     for size in [64, 256] {
         group.throughput(Throughput::Elements(size as u64));
-        let minibatch = Minibatch::new(size, dims).expect("tensors");
+        let mut minibatch = Minibatch::new(size, dims).expect("matrices");
         group.bench_function(format!("sample/{size}"), |bencher| {
             bencher.iter(|| {
                 let rows: Vec<_> = replay.draw(size, &mut rng).collect();

@@ -1,29 +1,34 @@
-//! A minibatch as tensors that live as long as the learner, so that an update allocates none.
+//! A minibatch as matrices that live as long as the learner.
 //!
-//! | tensor | rows | shape |
+//! | matrix | what | shape |
 //! |---|---|---|
-//! | `inputs` | (s, a) | `[n, observation + action]` |
-//! | `own_inputs` | (s, π(s)) | `[n, observation + action]` |
-//! | `next_inputs` | (s′, π′(s′)) | `[n, observation + action]` |
+//! | `inputs`, `inputs_by_row` | (s, a), and turned over | `[observation + action, n]`, `[n, observation + action]` |
+//! | `observations_by_row` | s, turned over | `[n, observation]` |
+//! | `own_inputs` | (s, π(s)) | `[observation + action, n]` |
+//! | `next_inputs` | (s′, π′(s′)) | `[observation + action, n]` |
 //! | `rewards`, `discounts` | r in units that are learned, γ | `[n, 1]` |
 //! | `weights` | of each transition's loss; 1 unless replay is prioritised | `[n, 1]` |
 //!
-//! Each row is copied once, from the replay memory to where the critics read it; actors read views of the same rows.
+//! Actors read the same matrices as critics, without the last rows.
 
 use super::error::Error;
-use super::kernels::write;
+use super::strips::{Strips, turn};
 use crate::replay::Row;
-use candle_core::{DType, Device, Result, Tensor};
+use candle_core::{Device, Result, Tensor};
 use herd_common::spaces::Dims;
 
-/// The tensors of one minibatch.
+/// The matrices of one minibatch.
 #[derive(Debug)]
 pub struct Batch {
     len: usize,
     dims: Dims,
-    inputs: Tensor,
-    own_inputs: Tensor,
-    next_inputs: Tensor,
+    inputs: Strips,
+    inputs_by_row: Strips,
+    observations_by_row: Strips,
+    own_inputs: Strips,
+    next_inputs: Strips,
+    /// (s′, 0), turned over.
+    next_by_row: Strips,
     rewards: Tensor,
     discounts: Tensor,
     weights: Tensor,
@@ -32,70 +37,66 @@ pub struct Batch {
 impl Batch {
     /// Room for `len` transitions.
     pub fn new(len: usize, dims: Dims) -> std::result::Result<Self, Error> {
-        let zeros = |rows, width| Tensor::zeros((rows, width), DType::F32, &Device::Cpu);
         let width = dims.observation + dims.action;
+        let ones = column(vec![1.0; len])?;
         Ok(Self {
             len,
             dims,
-            inputs: zeros(len, width)?,
-            own_inputs: zeros(len, width)?,
-            next_inputs: zeros(len, width)?,
-            rewards: zeros(len, 1)?,
-            discounts: zeros(len, 1)?,
-            weights: Tensor::ones((len, 1), DType::F32, &Device::Cpu)?,
+            inputs: Strips::new(width, len),
+            inputs_by_row: Strips::new(len, width),
+            observations_by_row: Strips::new(len, dims.observation),
+            own_inputs: Strips::new(width, len),
+            next_inputs: Strips::new(width, len),
+            next_by_row: Strips::new(len, width),
+            rewards: ones.clone(),
+            discounts: ones.clone(),
+            weights: ones,
         })
     }
 
     /// Takes these transitions, of which there are as many as there is room for; rewards are multiplied by `reward_scale`.
-    pub fn fill(&self, rows: &[Row<'_>], reward_scale: f32) -> std::result::Result<(), Error> {
+    pub fn fill(&mut self, rows: &[Row<'_>], reward_scale: f32) -> std::result::Result<(), Error> {
         assert_eq!(rows.len(), self.len, "transitions of a minibatch");
-        let (width, observation) = (self.dims.observation + self.dims.action, self.dims.observation);
-        write(&self.inputs, |numbers| {
-            for (row, input) in rows.iter().zip(numbers.chunks_exact_mut(width)) {
-                input[..observation].copy_from_slice(row.observation);
-                input[observation..].copy_from_slice(row.action);
-            }
-        })?;
-        for (inputs, next) in [(&self.own_inputs, false), (&self.next_inputs, true)] {
-            write(inputs, |numbers| {
-                for (row, input) in rows.iter().zip(numbers.chunks_exact_mut(width)) {
-                    let state = if next { row.next_observation } else { row.observation };
-                    input[..observation].copy_from_slice(state);
-                }
-            })?;
+        let observation = self.dims.observation;
+        let mut input = vec![0.0; observation + self.dims.action];
+        for (i, row) in rows.iter().enumerate() {
+            input[..observation].copy_from_slice(row.observation);
+            input[observation..].copy_from_slice(row.action);
+            self.inputs_by_row.set_row(i, &input);
+            self.observations_by_row.set_row(i, row.observation);
+            self.next_by_row.set_row(i, row.next_observation);
         }
-        write(&self.rewards, |numbers| {
-            numbers.iter_mut().zip(rows).for_each(|(reward, row)| *reward = reward_scale * row.reward);
-        })?;
-        write(&self.discounts, |numbers| {
-            numbers.iter_mut().zip(rows).for_each(|(discount, row)| *discount = row.discount);
-        })?;
+        turn(self.inputs.pieces_mut(), &self.inputs_by_row);
+        turn(self.next_inputs.pieces_mut(), &self.next_by_row);
+        self.own_inputs.set_rows(0, &self.inputs, 0..observation);
+        self.rewards = column(rows.iter().map(|row| reward_scale * row.reward).collect())?;
+        self.discounts = column(rows.iter().map(|row| row.discount).collect())?;
         Ok(())
     }
 
-    /// (s, a), `[n, observation + action]`.
-    pub(super) fn inputs(&self) -> &Tensor {
+    /// (s, a), `[observation + action, n]`; above all rows of s.
+    pub(super) fn inputs(&self) -> &Strips {
         &self.inputs
     }
 
-    /// (s, π(s)), `[n, observation + action]`.
-    pub(super) fn own_inputs(&self) -> &Tensor {
-        &self.own_inputs
+    /// (s, a), `[n, observation + action]`.
+    pub(super) fn inputs_by_row(&self) -> &Strips {
+        &self.inputs_by_row
     }
 
     /// s, `[n, observation]`.
-    pub(super) fn observations(&self) -> Result<Tensor> {
-        self.inputs.narrow(1, 0, self.dims.observation)
+    pub(super) fn observations_by_row(&self) -> &Strips {
+        &self.observations_by_row
     }
 
-    /// (s′, π′(s′)), `[n, observation + action]`.
-    pub(super) fn next_inputs(&self) -> &Tensor {
+    /// (s, π(s)), `[observation + action, n]`.
+    pub(super) fn own_inputs(&self) -> &Strips {
+        &self.own_inputs
+    }
+
+    /// (s′, π′(s′)), `[observation + action, n]`.
+    pub(super) fn next_inputs(&self) -> &Strips {
         &self.next_inputs
-    }
-
-    /// s′, `[n, observation]`.
-    pub(super) fn next_observations(&self) -> Result<Tensor> {
-        self.next_inputs.narrow(1, 0, self.dims.observation)
     }
 
     /// r, scaled, `[n, 1]`.
@@ -114,17 +115,25 @@ impl Batch {
     }
 
     /// Weighs the losses so.
-    pub(super) fn set_weights(&self, weights: &[f32]) -> Result<()> {
-        write(&self.weights, |numbers| numbers.copy_from_slice(weights))
+    pub(super) fn set_weights(&mut self, weights: Vec<f32>) -> Result<()> {
+        assert_eq!(weights.len(), self.len, "weights of a minibatch");
+        self.weights = column(weights)?;
+        Ok(())
     }
 
-    /// Writes π(s) beside s.
-    pub(super) fn set_own_actions(&self, actions: &Tensor) -> Result<()> {
-        self.own_inputs.slice_set(actions, 1, self.dims.observation)
+    /// Writes π(s), `[action, n]`, below s.
+    pub(super) fn set_own_actions(&mut self, actions: &Strips) {
+        self.own_inputs.set_rows(self.dims.observation, actions, 0..self.dims.action);
     }
 
-    /// Writes π′(s′) beside s′.
-    pub(super) fn set_next_actions(&self, actions: &Tensor) -> Result<()> {
-        self.next_inputs.slice_set(actions, 1, self.dims.observation)
+    /// Writes π′(s′), `[action, n]`, below s′.
+    pub(super) fn set_next_actions(&mut self, actions: &Strips) {
+        self.next_inputs.set_rows(self.dims.observation, actions, 0..self.dims.action);
     }
+}
+
+/// `[n, 1]`
+pub(super) fn column(numbers: Vec<f32>) -> Result<Tensor> {
+    let n = numbers.len();
+    Tensor::from_vec(numbers, (n, 1), &Device::Cpu)
 }

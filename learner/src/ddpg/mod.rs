@@ -1,4 +1,4 @@
-//! DDPG on candle (paper eqs 6–9), with the parts of TD3 that tame its overestimation.
+//! DDPG (paper eqs 6–9), with the parts of TD3 that tame its overestimation.
 //!
 //! `Ddpg::update` is one step of learning: sample, both losses' gradients at the same weights, then every weight, moment
 //! and target copy in one pass. The backward pass is written out, because a graph of tensors costs as much as the
@@ -6,6 +6,8 @@
 //!
 //! Bits: everything runs on the calling thread in a fixed order, and update k draws from `seed.child("update", k)`, so a
 //! learner's future is a function of its snapshot and of the replay memory.
+//!
+//! On the CPU all large matrices stand in `strips` and each product is `product`; losses are candle's tensors.
 //!
 //! `device` takes the same steps on any candle device, a GPU for one, several of them at a time. [`Learner`] is the one
 //! that the configuration asks for.
@@ -21,6 +23,7 @@ mod optimizer;
 mod priorities;
 mod product;
 mod snapshot;
+mod strips;
 #[cfg(test)]
 mod tests;
 mod tile;

@@ -1,23 +1,25 @@
-//! A fully connected network, its target copy, gradient and moments: five rows of one candle tensor.
+//! A fully connected network, its target copy, gradient and moments.
 //!
 //! | symbol | name | shape |
 //! |---|---|---|
-//! | θ, θ′, m, v, g | weights, target weights, Adam's moments, gradient | `[parameters]` each, the rows of `arena` |
-//! | W, b | weight and bias of a layer, views into a row | `[inputs, outputs]`, `[outputs]` |
-//! | x, y | input and output of a layer, y = f(x W + b) | `[batch, inputs]`, `[batch, outputs]` |
-//! | δ | ∂loss/∂(x W + b) | `[batch, outputs]` |
+//! | θ, θ′, m, v, g | weights, target weights, Adam's moments, gradient | rows of pieces, all laid out alike |
+//! | W, b | weight and bias of a layer, pieces of a row | `[outputs, inputs]`, `[outputs]` |
+//! | x, y | input and output of a layer, y = f(W x + b); a column is a transition | `[inputs, batch]`, `[outputs, batch]` |
+//! | δ | ∂loss/∂(W x + b) | `[outputs, batch]` |
 //!
-//! Hidden layers are ReLU. W stands input-major, so that the forward pass, of which there are most, need not turn it
-//! over. No graph is recorded: `deltas`, `gradients` and `input_gradient` are the backward pass.
+//! Hidden layers are ReLU. All stand in strips: so W x and Wᵀ δ read their factors as they are, and only δ xᵀ wants x
+//! turned over. No graph is recorded: `deltas`, `gradients` and `input_gradient` are the way back. Outside, a weight is
+//! `[inputs, outputs]`, as spans have it.
 
-use super::kernels::{Activation, Slope, SumRows, write};
+use super::kernels::{Activation, add_squares, sum, sum_columns};
 use super::product::product;
-use super::tile::Finish;
-use candle_core::{DType, Device, Result, Tensor};
+use super::strips::{Matrix, Piece, Strips, WIDTH, pieces, turn};
+use super::tile::{Finish, Plain, Turned};
 use herd_common::seed::Seed;
 use rand::{Rng, RngExt};
+use std::ops::Range;
 
-/// The rows of a network's arena.
+/// The rows of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Row {
     /// θ, what is learned.
@@ -33,9 +35,9 @@ pub(super) enum Row {
 }
 
 impl Row {
-    /// Rows of an arena.
+    /// Rows of a network.
     pub(super) const COUNT: usize = 5;
-    /// The rows that last from one update to the next, in the order of the arena.
+    /// The rows that last from one update to the next.
     pub(super) const LASTING: [Self; 4] = [Self::Online, Self::Target, Self::Mean, Self::Square];
 
     /// The name in snapshots.
@@ -77,71 +79,68 @@ pub(super) struct Head {
     pub(super) init: f64,
 }
 
-#[derive(Debug)]
+/// Where a layer stands in a row, and what follows its sum.
+#[derive(Clone, Debug)]
 struct Layer {
-    weight: Tensor,
-    bias: Tensor,
+    inputs: usize,
+    outputs: usize,
+    weight: Range<usize>,
+    bias: Range<usize>,
     activation: Activation,
+}
+
+impl Layer {
+    fn weight<'a>(&self, row: &'a [Piece]) -> Matrix<'a> {
+        Matrix::new(&row[self.weight.clone()], self.outputs, self.inputs)
+    }
+
+    /// `y ← f(W x + b)`
+    fn forward(&self, row: &[Piece], x: Matrix<'_>, y: &mut [Piece]) {
+        product(y, Plain(self.weight(row)), x, Finish::Bias(&row[self.bias.clone()], self.activation));
+    }
 }
 
 /// A network, its target copy, gradient and moments.
 #[derive(Debug)]
 pub(super) struct Network {
-    arena: Tensor,
     spans: Vec<Span>,
-    online: Vec<Layer>,
-    target: Vec<Layer>,
-    gradient: Vec<Layer>,
+    layers: Vec<Layer>,
+    /// By `Row`; what is beyond the last input or output is 0.
+    rows: [Vec<Piece>; Row::COUNT],
 }
 
-/// What one batch makes of a network on its way forth and back. The tensors are written again and again.
+/// What one batch makes of a network on its way forth and back. The matrices are written again and again.
 #[derive(Debug)]
 pub(super) struct Pass {
-    /// y of every layer.
-    outputs: Vec<Tensor>,
-    /// δ of every layer.
-    deltas: Vec<Tensor>,
+    /// y of every layer; δ takes its place on the way back, for half of the memory stays in nearer caches.
+    layers: Vec<Strips>,
 }
 
 impl Pass {
-    /// Room for `rows` rows of a network of these widths (input first).
-    fn new(widths: &[usize], rows: usize) -> Result<Self> {
-        let fresh = |width: &usize| Tensor::zeros((rows, *width), DType::F32, &Device::Cpu);
-        let tensors = || widths[1..].iter().map(fresh).collect::<Result<Vec<_>>>();
-        Ok(Self { outputs: tensors()?, deltas: tensors()? })
-    }
-
-    /// y of the last layer: what the network answers.
-    pub(super) fn output(&self) -> &Tensor {
-        self.outputs.last().expect("a network has a layer")
-    }
-
-    /// Where the loss's gradient in the output is to be written before `Network::deltas`.
-    pub(super) fn output_gradient(&self) -> &Tensor {
-        self.deltas.last().expect("a network has a layer")
+    /// y of the last layer, what the network answers, until the way back begins.
+    pub(super) fn output(&self) -> &Strips {
+        self.layers.last().expect("a network has a layer")
     }
 }
 
 impl Network {
     /// A network of these widths (input first): uniform within ±1/√inputs, the last layer within ±`head.init`.
-    pub(super) fn new(widths: &[usize], head: Head, seed: Seed) -> Result<Self> {
+    pub(super) fn new(widths: &[usize], head: Head, seed: Seed) -> Self {
         assert!(widths.len() >= 2, "a network has an input and an output");
-        let spans = spans(widths);
+        let (spans, layers) = (spans(widths), layers(widths, head.activation));
         let last = widths.len() - 2;
         let mut rng = seed.rng();
-        let mut row = Vec::new();
+        let mut numbers = Vec::new();
         for (i, span) in spans.iter().enumerate() {
             let layer = i / 2;
             let bound = if layer == last { head.init } else { 1.0 / (widths[layer] as f64).sqrt() };
-            row.extend((0..span.len()).map(|_| uniform(bound as f32, &mut rng)));
+            numbers.extend((0..span.len()).map(|_| uniform(bound as f32, &mut rng)));
         }
-        let n = row.len();
-        let mut numbers = row.repeat(2);
-        numbers.resize(Row::COUNT * n, 0.0);
-        let arena = Tensor::from_vec(numbers, Row::COUNT * n, &Device::Cpu)?;
-        let layers = |row| layers(&arena, &spans, row, head.activation);
-        let (online, target, gradient) = (layers(Row::Online)?, layers(Row::Target)?, layers(Row::Gradient)?);
-        Ok(Self { arena, spans, online, target, gradient })
+        let row = vec![Piece::ZERO; layers.last().map_or(0, |layer| layer.bias.end)];
+        let mut network = Self { spans, layers, rows: std::array::from_fn(|_| row.clone()) };
+        network.write(Row::Online, &numbers);
+        network.write(Row::Target, &numbers);
+        network
     }
 
     /// The weights and biases in order, input first.
@@ -151,12 +150,17 @@ impl Network {
 
     /// What follows the last layer's sum.
     pub(super) fn activation(&self) -> Activation {
-        self.online.last().expect("a network has a layer").activation
+        self.layers.last().expect("a network has a layer").activation
     }
 
-    /// All rows in one tensor, `[COUNT · parameters]`.
-    pub(super) fn arena(&self) -> &Tensor {
-        &self.arena
+    /// The pieces of a row.
+    pub(super) fn row(&self, row: Row) -> &[Piece] {
+        &self.rows[row as usize]
+    }
+
+    /// All rows, to be written.
+    pub(super) fn rows_mut(&mut self) -> &mut [Vec<Piece>; Row::COUNT] {
+        &mut self.rows
     }
 
     /// Numbers in one row.
@@ -165,63 +169,141 @@ impl Network {
     }
 
     /// The numbers of one weight or bias.
-    pub(super) fn read(&self, row: Row, span: &Span) -> Result<Vec<f32>> {
-        view(&self.arena, self.parameters(), row, span)?.flatten_all()?.to_vec1()
-    }
-
-    /// Replaces the first rows by `numbers`; the rest of the arena becomes 0.
-    pub(super) fn overwrite(&self, numbers: &[f32]) -> Result<()> {
-        write(&self.arena, |arena| {
-            let (first, rest) = arena.split_at_mut(numbers.len());
-            first.copy_from_slice(numbers);
-            rest.fill(0.0);
-        })
-    }
-
-    /// Room for passes of `rows` rows.
-    pub(super) fn pass(&self, rows: usize) -> Result<Pass> {
-        let input = self.spans[0].shape[0];
-        let outputs = self.spans.iter().skip(1).step_by(2).map(Span::len);
-        Pass::new(&std::iter::once(input).chain(outputs).collect::<Vec<_>>(), rows)
-    }
-
-    /// Carries `x` `[rows of the pass, inputs]` through the network of this row.
-    pub(super) fn forward(&self, row: Row, x: &Tensor, pass: &Pass) -> Result<()> {
-        let layers = if row == Row::Target { &self.target } else { &self.online };
-        let mut x = x;
-        for (layer, y) in layers.iter().zip(&pass.outputs) {
-            product(y, x, &layer.weight, Finish::Bias(&layer.bias, layer.activation))?;
-            x = y;
+    pub(super) fn read(&self, row: Row, span: &Span) -> Vec<f32> {
+        let (row, number) = (self.row(row), self.spans.iter().position(|s| s == span).expect("a span of the network"));
+        let layer = &self.layers[number / 2];
+        if number % 2 == 1 {
+            let bias = Matrix::new(&row[layer.bias.clone()], 1, layer.outputs);
+            return (0..layer.outputs).map(|output| bias.at(0, output)).collect();
         }
-        Ok(())
+        let weight = layer.weight(row);
+        (0..layer.inputs).flat_map(|input| (0..layer.outputs).map(move |output| weight.at(output, input))).collect()
     }
 
-    /// δ of every layer of the online network, from the loss's gradient that stands in `pass.output_gradient()`.
-    pub(super) fn deltas(&self, pass: &Pass) -> Result<()> {
-        let last = self.online.last().expect("a network has a layer");
-        pass.output_gradient().inplace_op2(pass.output(), &Slope(last.activation))?;
-        for (i, pair) in self.online.windows(2).enumerate().rev() {
-            let slope = Finish::Slope(&pass.outputs[i], pair[0].activation);
-            product(&pass.deltas[i], &pass.deltas[i + 1], &pair[1].weight.t()?, slope)?;
+    /// Replaces a row by the numbers of all weights and biases.
+    pub(super) fn write(&mut self, row: Row, numbers: &[f32]) {
+        assert_eq!(numbers.len(), self.parameters(), "numbers of a row");
+        let row = &mut self.rows[row as usize];
+        let mut rest = numbers;
+        for layer in &self.layers {
+            let weight;
+            (weight, rest) = rest.split_at(layer.inputs * layer.outputs);
+            for (input, numbers) in weight.chunks_exact(layer.outputs).enumerate() {
+                let strip = &mut row[layer.weight.start + input / WIDTH * layer.outputs..];
+                strip.iter_mut().zip(numbers).for_each(|(piece, number)| piece.0[input % WIDTH] = *number);
+            }
+            let bias;
+            (bias, rest) = rest.split_at(layer.outputs);
+            for (piece, numbers) in row[layer.bias.clone()].iter_mut().zip(bias.chunks(WIDTH)) {
+                piece.0[..numbers.len()].copy_from_slice(numbers);
+            }
         }
-        Ok(())
     }
 
-    /// Writes the gradient of every weight and bias into its row, from a pass that began with `x`.
-    pub(super) fn gradients(&self, x: &Tensor, pass: &Pass) -> Result<()> {
-        let inputs = std::iter::once(x).chain(&pass.outputs);
-        for ((input, delta), gradient) in inputs.zip(&pass.deltas).zip(&self.gradient) {
-            product(&gradient.weight, &input.t()?, delta, Finish::Nothing)?;
-            gradient.bias.inplace_op2(delta, &SumRows)?;
+    /// Replaces the lasting rows by `numbers`, one after the other.
+    pub(super) fn overwrite(&mut self, numbers: &[f32]) {
+        for (row, numbers) in Row::LASTING.into_iter().zip(numbers.chunks_exact(self.parameters())) {
+            self.write(row, numbers);
         }
-        Ok(())
     }
 
-    /// ∂loss/∂x for the columns from `first_column` on, into `gradient`.
-    pub(super) fn input_gradient(&self, pass: &Pass, first_column: usize, gradient: &Tensor) -> Result<()> {
-        let weight = &self.online[0].weight;
-        let weight = weight.narrow(0, first_column, weight.dim(0)? - first_column)?;
-        product(gradient, &pass.deltas[0], &weight.t()?, Finish::Nothing)
+    /// Room for passes of `batch` transitions.
+    pub(super) fn pass(&self, batch: usize) -> Pass {
+        Pass { layers: self.layers.iter().map(|layer| Strips::new(layer.outputs, batch)).collect() }
+    }
+
+    /// Carries `x` through the online network; what x has below the first layer's inputs is not read.
+    ///
+    /// Strips outside, layers inside: what a layer gives is still near when the next one reads it.
+    pub(super) fn forward(&self, x: &Strips, pass: &mut Pass) {
+        let row = self.row(Row::Online);
+        for (strip, x) in x.view().strips().enumerate() {
+            for (i, layer) in self.layers.iter().enumerate() {
+                let (before, from_here) = pass.layers.split_at_mut(i);
+                let x = before.last().map_or(x, |y| y.strip(strip));
+                layer.forward(row, x, from_here[0].strip_mut(strip));
+            }
+        }
+    }
+
+    /// What the network of this row makes of `x`, read as by `forward`; keeps nothing else.
+    pub(super) fn answer(&self, row: Row, x: &Strips) -> Strips {
+        let row = self.row(row);
+        let outputs = |layer: &Layer| layer.outputs;
+        let mut answer = Strips::new(self.layers.last().map_or(0, outputs), x.columns());
+        let widest = self.layers.iter().map(outputs).max().unwrap_or(0);
+        let [mut y, mut next] = [vec![Piece::ZERO; widest], vec![Piece::ZERO; widest]];
+        for (strip, x) in x.view().strips().enumerate() {
+            let mut inputs = x;
+            for layer in &self.layers {
+                layer.forward(row, inputs, &mut next[..layer.outputs]);
+                std::mem::swap(&mut y, &mut next);
+                inputs = Matrix { pieces: &y[..layer.outputs], rows: layer.outputs, columns: x.columns };
+            }
+            answer.strip_mut(strip).copy_from_slice(inputs.pieces);
+        }
+        answer
+    }
+
+    /// The way back from a forward pass: δ of every layer takes the place of y. `gradient` is the loss's in the output.
+    pub(super) fn deltas(&self, pass: &mut Pass, gradient: &Strips) {
+        self.last_delta(pass, gradient);
+        for strip in 0..gradient.columns().div_ceil(WIDTH) {
+            (1..self.layers.len()).rev().for_each(|layer| self.delta_before(layer, pass, strip));
+        }
+    }
+
+    /// As `deltas`, and writes the gradient of every weight and bias into its row; gives the length of them all.
+    ///
+    /// `turned` is xᵀ of the forward pass, `room` grows until yᵀ of any layer fits.
+    pub(super) fn gradients(
+        &mut self,
+        turned: Matrix<'_>,
+        pass: &mut Pass,
+        gradient: &Strips,
+        room: &mut Vec<Piece>,
+    ) -> f32 {
+        self.last_delta(pass, gradient);
+        let largest = pass.layers.iter().map(|y| pieces(y.columns(), y.rows())).max().unwrap_or(0);
+        if room.len() < largest {
+            room.resize(largest, Piece::ZERO);
+        }
+        let mut squares = Piece::ZERO;
+        for i in (0..self.layers.len()).rev() {
+            let (before, from_here) = pass.layers.split_at_mut(i);
+            let input = before.last().map_or(turned, |y| turn(room, y));
+            let (layer, delta) = (&self.layers[i], from_here[0].view());
+            let row = &mut self.rows[Row::Gradient as usize];
+            product(&mut row[layer.weight.clone()], Plain(delta), input, Finish::Squares(&mut squares));
+            sum_columns(&mut row[layer.bias.clone()], delta);
+            add_squares(&mut squares, &row[layer.bias.clone()]);
+            if i > 0 {
+                (0..gradient.columns().div_ceil(WIDTH)).for_each(|strip| self.delta_before(i, pass, strip));
+            }
+        }
+        sum(squares).sqrt()
+    }
+
+    fn last_delta(&self, pass: &mut Pass, gradient: &Strips) {
+        let (y, activation) = (pass.layers.last_mut().expect("a network has a layer"), self.activation());
+        assert_eq!((y.rows(), y.columns()), (gradient.rows(), gradient.columns()), "the output's gradient");
+        let pieces = y.pieces_mut().iter_mut().zip(gradient.view().pieces);
+        for (y, d) in pieces.flat_map(|(y, d)| y.0.iter_mut().zip(d.0)) {
+            *y = activation.slope(d, *y);
+        }
+    }
+
+    /// A strip of δ of the layer before this one.
+    fn delta_before(&self, layer: usize, pass: &mut Pass, strip: usize) {
+        let (before, from_here) = pass.layers.split_at_mut(layer);
+        let weight = Turned { matrix: self.layers[layer].weight(self.row(Row::Online)), skipped: 0 };
+        product(before[layer - 1].strip_mut(strip), weight, from_here[0].strip(strip), Finish::Slope);
+    }
+
+    /// ∂loss/∂x for the rows of x from `first` on, into `gradient`, once there are deltas.
+    pub(super) fn input_gradient(&self, pass: &Pass, first: usize, gradient: &mut Strips) {
+        let weight = Turned { matrix: self.layers[0].weight(self.row(Row::Online)), skipped: first };
+        product(gradient.pieces_mut(), weight, pass.layers[0].view(), Finish::Squares(&mut { Piece::ZERO }));
     }
 }
 
@@ -239,21 +321,21 @@ fn spans(widths: &[usize]) -> Vec<Span> {
     spans
 }
 
-fn view(arena: &Tensor, parameters: usize, row: Row, span: &Span) -> Result<Tensor> {
-    arena.narrow(0, row as usize * parameters + span.start, span.len())?.reshape(span.shape.as_slice())
-}
-
-fn layers(arena: &Tensor, spans: &[Span], row: Row, last: Activation) -> Result<Vec<Layer>> {
-    let count = spans.len() / 2;
-    let view = |span| view(arena, parameters(spans), row, span);
-    spans
-        .chunks_exact(2)
-        .enumerate()
-        .map(|(i, pair)| {
-            let activation = if i + 1 == count { last } else { Activation::Relu };
-            Ok(Layer { weight: view(&pair[0])?, bias: view(&pair[1])?, activation })
-        })
-        .collect()
+/// The layers of a network of these widths, one behind the other in a row.
+fn layers(widths: &[usize], last: Activation) -> Vec<Layer> {
+    let mut end = 0;
+    let mut take = |count: usize| {
+        end += count;
+        end - count..end
+    };
+    let layer = |(i, pair): (usize, &[usize])| Layer {
+        inputs: pair[0],
+        outputs: pair[1],
+        weight: take(pieces(pair[1], pair[0])),
+        bias: take(pieces(1, pair[1])),
+        activation: if i + 2 == widths.len() { last } else { Activation::Relu },
+    };
+    widths.windows(2).enumerate().map(layer).collect()
 }
 
 fn uniform(bound: f32, rng: &mut impl Rng) -> f32 {
@@ -263,9 +345,9 @@ fn uniform(bound: f32, rng: &mut impl Rng) -> f32 {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use candle_core::Var;
+    use candle_core::{Device, Tensor, Var};
 
-    /// The online network by candle's own recorded operations.
+    /// The online network by candle's own recorded operations; x and what it gives are `[batch, features]`.
     pub(crate) fn recorded_forward(vars: &[Var], x: &Tensor, last: Activation) -> Tensor {
         let count = vars.len() / 2;
         let mut x = x.clone();
@@ -287,10 +369,16 @@ pub(super) mod tests {
 
     /// A copy of a row's weights and biases.
     pub(crate) fn tensors(network: &Network, row: Row) -> Vec<Tensor> {
-        let tensor = |span: &Span| {
-            Tensor::from_vec(network.read(row, span).unwrap(), span.shape.as_slice(), &Device::Cpu).unwrap()
-        };
+        let tensor =
+            |span: &Span| Tensor::from_vec(network.read(row, span), span.shape.as_slice(), &Device::Cpu).unwrap();
         network.spans().iter().map(tensor).collect()
+    }
+
+    /// A copy of these columns, one a row.
+    pub(crate) fn by_column(matrix: &Strips) -> Tensor {
+        let numbers = (0..matrix.rows()).flat_map(|row| matrix.row(row)).collect::<Vec<_>>();
+        let tensor = Tensor::from_vec(numbers, (matrix.rows(), matrix.columns()), &Device::Cpu).unwrap();
+        tensor.t().unwrap().contiguous().unwrap()
     }
 
     /// Fails unless `found` is within 1e-4 of `expected`, relative to its largest number.
@@ -306,39 +394,54 @@ pub(super) mod tests {
         }
     }
 
-    pub(crate) fn random(shape: (usize, usize), seed: u64) -> Tensor {
+    pub(crate) fn random(shape: (usize, usize), seed: u64) -> Strips {
         let mut rng = Seed::from_number(seed).rng();
-        let numbers: Vec<f32> = (0..shape.0 * shape.1).map(|_| uniform(1.0, &mut rng)).collect();
-        Tensor::from_vec(numbers, shape, &Device::Cpu).unwrap()
+        let mut matrix = Strips::new(shape.0, shape.1);
+        for row in 0..shape.0 {
+            matrix.set_row(row, &(0..shape.1).map(|_| uniform(1.0, &mut rng)).collect::<Vec<_>>());
+        }
+        matrix
     }
 
     fn check(widths: &[usize], activation: Activation, batch: usize) {
-        let network = Network::new(widths, Head { activation, init: 0.5 }, Seed::from_number(3)).unwrap();
+        let mut network = Network::new(widths, Head { activation, init: 0.5 }, Seed::from_number(3));
         let (inputs, outputs) = (widths[0], widths[widths.len() - 1]);
-        let x = Var::from_tensor(&random((batch, inputs), 4)).unwrap();
-        let factor = random((batch, outputs), 5);
+        let (turned, factor) = (random((batch, inputs), 4), random((outputs, batch), 5));
+        let mut x = Strips::new(inputs, batch);
+        turn(x.pieces_mut(), &turned);
         let vars = variables(&network);
-        let y = recorded_forward(&vars, &x, activation);
-        let store = (y.clone() * &factor).unwrap().sum_all().unwrap().backward().unwrap();
+        let recorded = Var::from_tensor(&by_column(&x)).unwrap();
+        let y = recorded_forward(&vars, &recorded, activation);
+        let store = (y.clone() * by_column(&factor)).unwrap().sum_all().unwrap().backward().unwrap();
 
-        let pass = network.pass(batch).unwrap();
-        network.forward(Row::Online, x.as_tensor(), &pass).unwrap();
-        assert_close("output", pass.output(), &y);
-        pass.output_gradient().slice_set(&factor, 0, 0).unwrap();
-        network.deltas(&pass).unwrap();
-        network.gradients(x.as_tensor(), &pass).unwrap();
+        let mut pass = network.pass(batch);
+        network.forward(&x, &mut pass);
+        assert_close("output", &by_column(pass.output()), &y);
+        let answer = network.answer(Row::Online, &x);
+        (0..outputs).for_each(|row| assert_eq!(answer.row(row), pass.output().row(row)));
+        let norm = network.gradients(turned.view(), &mut pass, &factor, &mut Vec::new());
         let gradients = tensors(&network, Row::Gradient);
+        let squares = gradients.iter().map(|g| g.sqr().unwrap().sum_all().unwrap().to_scalar::<f32>().unwrap());
+        let expected = squares.sum::<f32>().sqrt();
+        assert!((norm - expected).abs() < 1e-5 * expected, "length {norm}, expected {expected}");
         for ((span, gradient), var) in network.spans().iter().zip(&gradients).zip(&vars) {
             assert_close(&span.name, gradient, store.get(var).unwrap());
         }
-        let input = store.get(&x).unwrap();
-        let input_gradient = |column| {
-            let found = Tensor::zeros((batch, inputs - column), DType::F32, &Device::Cpu).unwrap();
-            network.input_gradient(&pass, column, &found).unwrap();
-            found
+        let input = store.get(&recorded).unwrap();
+        let input_gradient = |first| {
+            let mut found = Strips::new(inputs - first, batch);
+            network.input_gradient(&pass, first, &mut found);
+            by_column(&found)
         };
         assert_close("input", &input_gradient(0), input);
-        assert_close("last columns", &input_gradient(1), &input.narrow(1, 1, inputs - 1).unwrap());
+        assert_close("last rows", &input_gradient(1), &input.narrow(1, 1, inputs - 1).unwrap());
+
+        let mut again = network.pass(batch);
+        network.forward(&x, &mut again);
+        network.deltas(&mut again, &factor);
+        for (again, delta) in again.layers.iter().zip(&pass.layers) {
+            (0..delta.rows()).for_each(|row| assert_eq!(again.row(row), delta.row(row)));
+        }
     }
 
     #[test]
@@ -347,22 +450,33 @@ pub(super) mod tests {
         check(&[6, 33, 1], Activation::Linear, 9);
         check(&[60, 128, 64, 1], Activation::Linear, 64);
         check(&[3, 2], Activation::Tanh, 5);
+        check(&[37, 40, 35, 2], Activation::Tanh, 70);
+    }
+
+    #[test]
+    fn numbers_are_read_as_they_were_written() {
+        let head = Head { activation: Activation::Linear, init: 0.3 };
+        let mut network = Network::new(&[40, 35, 2], head, Seed::from_number(8));
+        let numbers: Vec<f32> = (0..network.parameters()).map(|i| i as f32).collect();
+        network.write(Row::Square, &numbers);
+        let read: Vec<f32> = network.spans().iter().flat_map(|span| network.read(Row::Square, span)).collect();
+        assert_eq!(read, numbers);
     }
 
     #[test]
     fn starts_within_bounds_with_an_equal_target() {
         let head = Head { activation: Activation::Tanh, init: 3e-3 };
-        let network = Network::new(&[16, 100, 10, 2], head, Seed::from_number(1)).unwrap();
+        let network = Network::new(&[16, 100, 10, 2], head, Seed::from_number(1));
         for (i, span) in network.spans().iter().enumerate() {
             let bound = [0.25, 0.1, 3e-3][i / 2];
-            let online = network.read(Row::Online, span).unwrap();
+            let online = network.read(Row::Online, span);
             let largest = online.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
             assert!(largest <= bound && largest > 0.5 * bound, "{}: {largest} of {bound}", span.name);
-            assert_eq!(network.read(Row::Target, span).unwrap(), online);
-            assert!(network.read(Row::Mean, span).unwrap().iter().all(|m| *m == 0.0));
+            assert_eq!(network.read(Row::Target, span), online);
+            assert!(network.read(Row::Mean, span).iter().all(|m| *m == 0.0));
         }
-        let other = Network::new(&[16, 100, 10, 2], head, Seed::from_number(2)).unwrap();
+        let other = Network::new(&[16, 100, 10, 2], head, Seed::from_number(2));
         let first = &network.spans()[0];
-        assert_ne!(other.read(Row::Online, first).unwrap(), network.read(Row::Online, first).unwrap());
+        assert_ne!(other.read(Row::Online, first), network.read(Row::Online, first));
     }
 }

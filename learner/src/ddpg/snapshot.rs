@@ -64,7 +64,7 @@ impl Stored for Network {
     }
 
     fn read(&self, row: Row, span: &Span) -> candle_core::Result<Vec<f32>> {
-        Self::read(self, row, span)
+        Ok(Self::read(self, row, span))
     }
 }
 
@@ -149,10 +149,10 @@ impl Ddpg {
 
     /// Goes on where `snapshot` was taken. On an error nothing has changed.
     pub fn load(&mut self, snapshot: &Snapshot) -> Result<(), Error> {
-        let networks = || named(&self.actor, &self.critics);
-        let (arenas, priorities) = parts(snapshot, networks(), self.priorities.as_ref())?;
-        for ((_, network), numbers) in networks().zip(arenas) {
-            network.overwrite(&numbers)?;
+        let networks = named(&self.actor, &self.critics);
+        let (arenas, priorities) = parts(snapshot, networks, self.priorities.as_ref())?;
+        for (network, numbers) in std::iter::once(&mut self.actor).chain(&mut self.critics).zip(arenas) {
+            network.overwrite(&numbers);
         }
         self.counters = snapshot.counters;
         self.priorities = priorities;

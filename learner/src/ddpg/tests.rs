@@ -1,7 +1,8 @@
 //! Tests of the learner as a whole: gradients against autograd, bits, snapshots, faults, and learning itself.
 
 use super::networks::Network;
-use super::networks::tests::{assert_close, recorded_forward, tensors, variables};
+use super::networks::tests::{assert_close, by_column, recorded_forward, tensors, variables};
+use super::strips::Strips;
 use super::update::{Ddpg, Update, smoothing};
 use super::{Error, kernels::Activation, losses, networks};
 use crate::replay::{Replay, Row};
@@ -57,7 +58,7 @@ pub(super) fn run(ddpg: &mut Ddpg, replay: &Replay, updates: usize) -> Vec<Updat
 }
 
 /// Sixteen transitions for the learner's batch.
-fn fill<'a>(ddpg: &Ddpg, replay: &'a Replay) -> Vec<Row<'a>> {
+fn fill<'a>(ddpg: &mut Ddpg, replay: &'a Replay) -> Vec<Row<'a>> {
     let rows: Vec<_> = replay.draw(ddpg.config.batch_size, &mut Seed::from_number(7).rng()).collect();
     ddpg.batch.fill(&rows, ddpg.config.reward_scale as f32).unwrap();
     rows
@@ -70,14 +71,14 @@ fn gradients_match_autograd() {
         let replay = random_replay(200, DIMS);
         // Some updates first, so that target and online networks differ; the next one moves the actor.
         run(&mut ddpg, &replay, 3);
-        fill(&ddpg, &replay);
+        fill(&mut ddpg, &replay);
         let y = ddpg.targets(&mut Seed::from_number(8).rng()).unwrap();
         let found = ddpg.findings(&y, true).unwrap();
 
         let mut critic_loss = 0.0;
         for critic in &ddpg.critics {
             let vars = variables(critic);
-            let values = recorded_forward(&vars, ddpg.batch.inputs(), Activation::Linear);
+            let values = recorded_forward(&vars, &by_column(ddpg.batch.inputs()), Activation::Linear);
             let loss = losses::critic(&values, &y, ddpg.batch.weights()).unwrap();
             critic_loss += loss.to_scalar::<f32>().unwrap() / ddpg.critics.len() as f32;
             let store = loss.backward().unwrap();
@@ -90,7 +91,7 @@ fn gradients_match_autograd() {
         assert!((found.update.critic_loss - critic_loss).abs() < 1e-5 * critic_loss);
 
         let (actor, critic) = (variables(&ddpg.actor), variables(&ddpg.critics[0]));
-        let observations = ddpg.batch.observations().unwrap().contiguous().unwrap();
+        let observations = by_column(ddpg.batch.inputs()).narrow(1, 0, DIMS.observation).unwrap();
         let actions = recorded_forward(&actor, &observations, Activation::Tanh);
         let inputs = Tensor::cat(&[&observations, &actions], 1).unwrap();
         let loss = losses::actor(&recorded_forward(&critic, &inputs, Activation::Linear)).unwrap();
@@ -108,11 +109,7 @@ fn gradients_match_autograd() {
 fn targets_take_the_lower_critic_at_a_clipped_action() {
     let replay = random_replay(64, DIMS);
     let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
-    let forward = |network: &Network, x: &Tensor| {
-        let pass = network.pass(x.dim(0).unwrap()).unwrap();
-        network.forward(networks::Row::Target, x, &pass).unwrap();
-        pass.output().clone()
-    };
+    let forward = |network: &Network, x: &Strips| network.answer(networks::Row::Target, x);
 
     let sets = [
         "ddpg.twin_critic=true",
@@ -123,29 +120,29 @@ fn targets_take_the_lower_critic_at_a_clipped_action() {
     ];
     let sets = config(&sets);
     let both_are_lower_somewhere = |seed| {
-        let still = Ddpg::new(&sets, DIMS, Seed::from_number(seed)).unwrap();
-        fill(&still, &replay);
-        let observations = still.batch.next_observations().unwrap().contiguous().unwrap();
-        let inputs = Tensor::cat(&[&observations, &forward(&still.actor, &observations)], 1).unwrap();
-        let [one, two] = [0, 1].map(|i| numbers(&forward(&still.critics[i], &inputs)));
+        let mut still = Ddpg::new(&sets, DIMS, Seed::from_number(seed)).unwrap();
+        fill(&mut still, &replay);
+        let mut inputs = still.batch.next_inputs().clone();
+        inputs.set_rows(DIMS.observation, &forward(&still.actor, &inputs), 0..DIMS.action);
+        let [one, two] = [0, 1].map(|i| forward(&still.critics[i], &inputs).row(0));
         let mixed = one.iter().zip(&two).any(|(a, b)| a < b) && one.iter().zip(&two).any(|(a, b)| a > b);
         mixed.then_some((still, one, two))
     };
-    let (still, one, two) = (0..100).find_map(both_are_lower_somewhere).expect("critics differ in both directions");
-    let rows = fill(&still, &replay);
+    let (mut still, one, two) = (0..100).find_map(both_are_lower_somewhere).expect("critics differ in both directions");
+    let rows = fill(&mut still, &replay);
     let y = numbers(&still.targets(&mut Seed::from_number(1).rng()).unwrap());
     for i in 0..64 {
         assert_eq!(y[i], 0.5 * rows[i].reward + rows[i].discount * one[i].min(two[i]));
     }
 
-    let noisy = learner(&["ddpg.smoothing_sigma=0.5", "ddpg.smoothing_clip=0.25"]);
+    let mut noisy = learner(&["ddpg.smoothing_sigma=0.5", "ddpg.smoothing_clip=0.25"]);
     let noise = smoothing(&noisy.config, 10_000, &mut Seed::from_number(1).rng());
     assert!(noise.iter().all(|x| x.abs() <= 0.25));
     // P(|N(0, 0.5)| > 0.25) = 0.617
     let clipped = noise.iter().filter(|x| x.abs() == 0.25).count();
     assert!((5900..6450).contains(&clipped), "{clipped}");
-    fill(&noisy, &replay);
-    let targets = |seed| numbers(&noisy.targets(&mut Seed::from_number(seed).rng()).unwrap());
+    fill(&mut noisy, &replay);
+    let mut targets = |seed| numbers(&noisy.targets(&mut Seed::from_number(seed).rng()).unwrap());
     assert_ne!(targets(1), targets(2));
 }
 
@@ -293,9 +290,9 @@ fn an_actor_comes_back_sooner_from_the_end_of_an_open_box() {
         let config = config(&[&TD3[..3], &learning].concat());
         let mut ddpg = Ddpg::new(&config, Dims { observation: 1, action: 1 }, Seed::from_number(14)).unwrap();
         run(&mut ddpg, &bandit(1000, |a| 4.0 * a), 3000);
-        assert!(ddpg.act(&[0.5]).unwrap()[0] > 0.999, "{open}: it has run into the end");
+        assert!(ddpg.act(&[0.5])[0] > 0.999, "{open}: it has run into the end");
         let other_end = bandit(1000, |a| -4.0 * a);
-        let is_back = |ddpg: &Ddpg| ddpg.act(&[0.5]).unwrap()[0] < 0.0;
+        let is_back = |ddpg: &Ddpg| ddpg.act(&[0.5])[0] < 0.0;
         (1..200).find(|_| {
             run(&mut ddpg, &other_end, 20);
             is_back(&ddpg)
@@ -308,7 +305,7 @@ fn an_actor_comes_back_sooner_from_the_end_of_an_open_box() {
 
 /// The largest |action − optimum| over the line.
 pub(super) fn point_mass_error(ddpg: &Ddpg) -> f32 {
-    let error = |x: f32| (ddpg.act(&[x]).unwrap()[0] - ((0.5 - x) / 0.4).clamp(-1.0, 1.0)).abs();
+    let error = |x: f32| (ddpg.act(&[x])[0] - ((0.5 - x) / 0.4).clamp(-1.0, 1.0)).abs();
     (-16_i16..=20).map(|i| error(f32::from(i) / 20.0)).fold(0.0, f32::max)
 }
 
@@ -334,7 +331,7 @@ fn both_algorithms_find_the_optimum_of_a_point_mass() {
         let error = point_mass_error(&ddpg);
         assert!(error < 0.25, "{sets:?}: {error}");
         // Staying at the optimum earns 1 a step: 1 / (1 − .9) = 10, whatever overestimation would make of it.
-        let value = ddpg.value(&[0.5], &[0.0]).unwrap();
+        let value = ddpg.value(&[0.5], &[0.0]);
         assert!((value - 10.0).abs() < 1.5, "{sets:?}: {value}");
     }
 }

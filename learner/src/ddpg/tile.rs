@@ -1,213 +1,240 @@
-//! The arithmetic of the matrix product: a tile of C that stays in registers while a strip of B lasts.
+//! The arithmetic of the matrix product: a tile of C stays in registers from its first term to what follows the sum.
 //!
 //! | symbol | name | shape |
 //! |---|---|---|
-//! | R, V, W | rows of a tile, registers and numbers in one of them | – |
-//! | left | R rows of A | `[R, k]` |
-//! | strip | W columns of B | `[k, W]` |
-//!
-//! What follows a sum is done tile by tile, while the tile is in the nearest cache.
+//! | R, V | rows of a tile, registers of each of them | – |
+//! | left | A, or a matrix whose transposed is A | `[m, k]` or `[k, m]` |
+//! | b, c | a strip of B, the strip of C that comes of it | `[k, WIDTH]`, `[m, WIDTH]` |
 
 #![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
 #![expect(clippy::needless_range_loop, reason = "iterators are not inlined where there is much code around them")]
 
 use super::kernels::Activation;
+use super::strips::{Matrix, Piece, WIDTH};
 use pulp::Simd;
+use std::ops::Range;
 
 /// What follows a sum z once it is complete.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Finish<T> {
-    /// Nothing.
-    Nothing,
-    /// `f(z + b)`; b is `[columns of C]`.
-    Bias(T, Activation),
-    /// `z · f′`, with f′ told from f's value y, which is shaped like C.
-    Slope(T, Activation),
+#[derive(Debug)]
+pub(super) enum Finish<'a> {
+    /// Nothing; z² is added to the number of its column, as that stands in its strip.
+    Squares(&'a mut Piece),
+    /// `f(z + b)`; b holds a number for each row of C.
+    Bias(&'a [Piece], Activation),
+    /// `z · f′` where f is ReLU and its value y is what C held before.
+    Slope,
 }
 
-impl<T: Copy> Finish<T> {
-    /// b or y.
-    pub(super) fn operand(self) -> Option<T> {
-        match self {
-            Self::Nothing => None,
-            Self::Bias(operand, _) | Self::Slope(operand, _) => Some(operand),
-        }
-    }
+/// The left factor A, read where it stands.
+pub(super) trait Left: Copy {
+    /// m and k.
+    fn shape(&self) -> (usize, usize);
 
-    /// The same with another form of b or y.
-    pub(super) fn with<U>(self, operand: U) -> Finish<U> {
-        match self {
-            Self::Nothing => Finish::Nothing,
-            Self::Bias(_, f) => Finish::Bias(operand, f),
-            Self::Slope(_, f) => Finish::Slope(operand, f),
-        }
-    }
+    /// Rows of A from `row` on that a tile may hold together.
+    fn together(&self, row: usize) -> usize;
 
-    /// Numbers that b or y has where C is `[m, n]`.
-    pub(super) fn len(self, m: usize, n: usize) -> Option<usize> {
-        match self {
-            Self::Nothing => None,
-            Self::Bias(..) => Some(n),
-            Self::Slope(..) => Some(m * n),
-        }
-    }
+    /// Of R rows from `row` on the columns in `range`, which begins where a strip does and is no longer than one: a
+    /// function of the column, counted from there, and of the row.
+    fn part<const R: usize>(&self, row: usize, range: Range<usize>) -> impl Fn(usize, usize) -> f32;
 }
 
-impl Finish<&[f32]> {
-    /// Finishes a piece of a row of C that begins with C's number `start`, in its column `column`.
-    #[inline(always)]
-    fn on(self, sums: &mut [f32], start: usize, column: usize) {
-        match self {
-            Self::Nothing => (),
-            Self::Bias(b, f) => f.add_bias(sums, &b[column..][..sums.len()]),
-            Self::Slope(y, f) => f.slope(sums, &y[start..][..sums.len()]),
-        }
-    }
-}
-
-/// R rows of A, wherever they stand.
-pub(super) trait Left {
-    /// The number in row `r` and column `k`.
-    fn at(&self, k: usize, r: usize) -> f32;
-
-    /// The numbers of `ROUND` columns from `first` on, as a function of column and row.
-    fn round(&self, first: usize) -> impl Fn(usize, usize) -> f32;
-}
-
-/// Rows that are read where they are.
-pub(super) struct Rows<'a, const R: usize>(pub(super) [&'a [f32]; R]);
-
-impl<const R: usize> Left for Rows<'_, R> {
-    #[inline(always)]
-    fn at(&self, k: usize, r: usize) -> f32 {
-        self.0[r][k]
-    }
-
-    #[inline(always)]
-    fn round(&self, first: usize) -> impl Fn(usize, usize) -> f32 {
-        let mut rows = [&[0.0; ROUND]; R];
-        for r in 0..R {
-            rows[r] = self.0[r][first..].first_chunk().expect("a round");
-        }
-        move |k, r| rows[r][k]
-    }
-}
-
-/// Rows that were packed column by column.
-pub(super) struct Panel<'a, const R: usize>(pub(super) &'a [[f32; R]]);
-
-impl<const R: usize> Left for Panel<'_, R> {
-    #[inline(always)]
-    fn at(&self, k: usize, r: usize) -> f32 {
-        self.0[k][r]
-    }
-
-    #[inline(always)]
-    fn round(&self, first: usize) -> impl Fn(usize, usize) -> f32 {
-        let columns: &[[f32; R]; ROUND] = self.0[first..].first_chunk().expect("a round");
-        |k, r| columns[k][r]
-    }
-}
-
-/// Where a tile stands in C.
+/// A is this matrix.
 #[derive(Clone, Copy)]
-pub(super) struct At {
-    /// Its first number.
-    pub(super) start: usize,
-    /// From row to row.
-    pub(super) stride: usize,
-    /// Its first column.
-    pub(super) column: usize,
-    /// Rows that are not beyond C.
-    pub(super) rows: usize,
-    /// Columns that are not beyond C.
-    pub(super) width: usize,
-    /// True when the sums go on that stand there.
-    pub(super) adds: bool,
-}
+pub(super) struct Plain<'a>(pub(super) Matrix<'a>);
 
-/// One tile into C. At the edges it is worked out aside.
-#[inline(always)]
-pub(super) fn place<S: Simd, const R: usize, const V: usize, const W: usize>(
-    simd: S,
-    left: &impl Left,
-    strip: &[[f32; W]],
-    c: &mut [f32],
-    at: At,
-    finish: Finish<&[f32]>,
-) {
-    if at.width == W && at.rows == R {
-        tile::<S, R, V, W>(simd, left, strip, &mut c[at.start..], at);
-        for r in 0..R {
-            let start = at.start + r * at.stride;
-            finish.on(c[start..].first_chunk_mut::<W>().expect("a row of the tile"), start, at.column);
-        }
-        return;
+impl Left for Plain<'_> {
+    #[inline(always)]
+    fn shape(&self) -> (usize, usize) {
+        (self.0.rows, self.0.columns)
     }
-    let mut aside = [[0.0_f32; W]; R];
-    for r in 0..at.rows {
-        aside[r][..at.width].copy_from_slice(&c[at.start + r * at.stride..][..at.width]);
+
+    #[inline(always)]
+    fn together(&self, row: usize) -> usize {
+        self.0.rows - row
     }
-    tile::<S, R, V, W>(simd, left, strip, aside.as_flattened_mut(), At { stride: W, ..at });
-    for r in 0..at.rows {
-        let start = at.start + r * at.stride;
-        let row = &mut c[start..][..at.width];
-        row.copy_from_slice(&aside[r][..at.width]);
-        finish.on(row, start, at.column);
+
+    #[inline(always)]
+    fn part<const R: usize>(&self, row: usize, range: Range<usize>) -> impl Fn(usize, usize) -> f32 {
+        let rows: &[Piece; R] =
+            self.0.pieces[range.start / WIDTH * self.0.rows + row..].first_chunk().expect("R rows are together");
+        |k, r| rows[r].0[k]
     }
 }
 
-/// Terms of a sum that are written out one after the other: what it takes to find the numbers is then shared by them.
-const ROUND: usize = 8;
+/// Rows of a matrix that is turned over stand side by side; those of a tile are of one half of a line of cache.
+const BESIDE: usize = 8;
 
-/// A strip's part of R rows of W numbers of C, held in V registers each while it lasts.
-#[inline(always)]
-fn tile<S: Simd, const R: usize, const V: usize, const W: usize>(
-    simd: S,
-    left: &impl Left,
-    strip: &[[f32; W]],
-    c: &mut [f32],
-    at: At,
-) {
-    let mut sums = [[simd.splat_f32s(0.0); V]; R];
-    if at.adds {
-        for r in 0..R {
-            sums[r] = registers::<S, V, W>(c[r * at.stride..].first_chunk().expect("a row of the tile"));
+/// A is this matrix turned over, its first rows left out.
+#[derive(Clone, Copy)]
+pub(super) struct Turned<'a> {
+    pub(super) matrix: Matrix<'a>,
+    /// Rows of A that are left out.
+    pub(super) skipped: usize,
+}
+
+impl Left for Turned<'_> {
+    #[inline(always)]
+    fn shape(&self) -> (usize, usize) {
+        (self.matrix.columns - self.skipped, self.matrix.rows)
+    }
+
+    #[inline(always)]
+    fn together(&self, row: usize) -> usize {
+        let column = self.skipped + row;
+        (self.matrix.columns - column).min(BESIDE - column % BESIDE)
+    }
+
+    #[inline(always)]
+    fn part<const R: usize>(&self, row: usize, range: Range<usize>) -> impl Fn(usize, usize) -> f32 {
+        let column = self.skipped + row;
+        let pieces = &self.matrix.pieces[column / WIDTH * self.matrix.rows..][range];
+        let first = column % WIDTH;
+        move |k, r| {
+            let numbers: &[f32; R] = pieces[k].0[first..].first_chunk().expect("R rows are together");
+            numbers[r]
         }
     }
-    let (rounds, rest) = strip.as_chunks::<ROUND>();
-    for (i, round) in rounds.iter().enumerate() {
-        add_terms(simd, &mut sums, left.round(i * ROUND), round);
+}
+
+/// One tile: rows `row` to `row + R` of the strip c.
+#[inline(always)]
+pub(super) fn place<S: Simd, const R: usize, const V: usize>(
+    simd: S,
+    left: impl Left,
+    row: usize,
+    b: &[Piece],
+    c: &mut [Piece],
+    finish: &mut Finish<'_>,
+) {
+    let c: &mut [Piece; R] = c[row..].first_chunk_mut().expect("rows of the tile");
+    for column in (0..WIDTH).step_by(V * S::F32_LANES) {
+        let mut sums = sums::<S, R, V>(simd, left, row, b, column);
+        match finish {
+            Finish::Squares(squares) => add_squares(simd, registers_mut::<S, V>(squares, column), &sums),
+            Finish::Bias(bias, f) => add_bias(simd, &mut sums, bias, row, *f),
+            Finish::Slope => slope(simd, &mut sums, c, column),
+        }
+        for r in 0..R {
+            *registers_mut::<S, V>(&mut c[r], column) = sums[r];
+        }
     }
-    let done = rounds.len() * ROUND;
-    add_terms(simd, &mut sums, |k, r| left.at(done + k, r), rest);
+    if let Finish::Bias(_, Activation::Tanh | Activation::OpenTanh) = finish {
+        for number in c.iter_mut().flat_map(|piece| &mut piece.0) {
+            *number = number.tanh();
+        }
+    }
+}
+
+/// Adds z² to the squares, row by row: so their bits do not depend on the tiles.
+#[inline(always)]
+fn add_squares<S: Simd, const R: usize, const V: usize>(simd: S, squares: &mut [S::f32s; V], sums: &[[S::f32s; V]; R]) {
     for r in 0..R {
-        let (to, _) = S::as_mut_simd_f32s(&mut c[r * at.stride..][..W]);
-        *to.first_chunk_mut().expect("W numbers are V registers") = sums[r];
+        for v in 0..V {
+            squares[v] = simd.mul_add_f32s(sums[r][v], sums[r][v], squares[v]);
+        }
     }
 }
 
-/// Adds `left(k, r) · strip[k]` to the sums of row r, k by k.
+/// z + b, and what is left of it if f is ReLU. NaN is not below 0: a poisoned weight cannot hide there.
 #[inline(always)]
-fn add_terms<S: Simd, const R: usize, const V: usize, const W: usize>(
+fn add_bias<S: Simd, const R: usize, const V: usize>(
     simd: S,
     sums: &mut [[S::f32s; V]; R],
-    left: impl Fn(usize, usize) -> f32,
-    strip: &[[f32; W]],
+    bias: &[Piece],
+    row: usize,
+    f: Activation,
 ) {
-    for k in 0..strip.len() {
-        let row = registers::<S, V, W>(&strip[k]);
+    let zero = simd.splat_f32s(0.0);
+    for r in 0..R {
+        let b = simd.splat_f32s(bias[(row + r) / WIDTH].0[(row + r) % WIDTH]);
+        for v in 0..V {
+            sums[r][v] = simd.add_f32s(sums[r][v], b);
+        }
+    }
+    if f == Activation::Relu {
         for r in 0..R {
-            let x = simd.splat_f32s(left(k, r));
             for v in 0..V {
-                sums[r][v] = simd.mul_add_f32s(x, row[v], sums[r][v]);
+                sums[r][v] = simd.select_f32s(simd.less_than_f32s(sums[r][v], zero), zero, sums[r][v]);
             }
         }
     }
 }
 
+/// z where ReLU's value y, which stands in c, is more than 0.
 #[inline(always)]
-fn registers<S: Simd, const V: usize, const W: usize>(numbers: &[f32; W]) -> [S::f32s; V] {
-    let (numbers, _) = S::as_simd_f32s(numbers);
-    *numbers.first_chunk().expect("W numbers are V registers")
+fn slope<S: Simd, const R: usize, const V: usize>(
+    simd: S,
+    sums: &mut [[S::f32s; V]; R],
+    c: &[Piece; R],
+    column: usize,
+) {
+    let zero = simd.splat_f32s(0.0);
+    for r in 0..R {
+        let y = registers::<S, V>(&c[r], column);
+        for v in 0..V {
+            sums[r][v] = simd.select_f32s(simd.greater_than_f32s(y[v], zero), sums[r][v], zero);
+        }
+    }
+}
+
+/// Columns of A that are written out one after the other.
+const ROUND: usize = 8;
+
+/// R rows of A times V registers of b from this column on; each number is one chain of fused multiply-adds.
+#[inline(always)]
+fn sums<S: Simd, const R: usize, const V: usize>(
+    simd: S,
+    left: impl Left,
+    row: usize,
+    b: &[Piece],
+    column: usize,
+) -> [[S::f32s; V]; R] {
+    let mut sums = [[simd.splat_f32s(0.0); V]; R];
+    let (blocks, rest) = b.as_chunks::<WIDTH>();
+    for (i, block) in blocks.iter().enumerate() {
+        let left = left.part::<R>(row, i * WIDTH..(i + 1) * WIDTH);
+        for first in (0..WIDTH).step_by(ROUND) {
+            for k in first..first + ROUND {
+                add_term(simd, &mut sums, &left, k, &block[k], column);
+            }
+        }
+    }
+    if !rest.is_empty() {
+        let left = left.part::<R>(row, blocks.len() * WIDTH..b.len());
+        for k in 0..rest.len() {
+            add_term(simd, &mut sums, &left, k, &rest[k], column);
+        }
+    }
+    sums
+}
+
+/// Adds `left(k, r) · b` to the sums of each row r.
+#[inline(always)]
+fn add_term<S: Simd, const R: usize, const V: usize>(
+    simd: S,
+    sums: &mut [[S::f32s; V]; R],
+    left: &impl Fn(usize, usize) -> f32,
+    k: usize,
+    b: &Piece,
+    column: usize,
+) {
+    let b = registers::<S, V>(b, column);
+    for r in 0..R {
+        let x = simd.splat_f32s(left(k, r));
+        for v in 0..V {
+            sums[r][v] = simd.mul_add_f32s(x, b[v], sums[r][v]);
+        }
+    }
+}
+
+#[inline(always)]
+fn registers<S: Simd, const V: usize>(piece: &Piece, column: usize) -> [S::f32s; V] {
+    let (numbers, _) = S::as_simd_f32s(&piece.0[column..]);
+    *numbers.first_chunk().expect("a piece holds V registers")
+}
+
+#[inline(always)]
+fn registers_mut<S: Simd, const V: usize>(piece: &mut Piece, column: usize) -> &mut [S::f32s; V] {
+    let (numbers, _) = S::as_mut_simd_f32s(&mut piece.0[column..]);
+    numbers.first_chunk_mut().expect("a piece holds V registers")
 }

@@ -2,25 +2,26 @@
 //!
 //! | symbol | name | shape |
 //! |---|---|---|
-//! | s, a, r, γ, s′ | a minibatch, see `batch` | `[n, observation]`, `[n, action]`, `[n, 1]`, `[n, 1]`, `[n, observation]` |
-//! | π, Q | actor, critic (one or two) | `[n, action]`, `[n, 1]` |
+//! | s, a, r, γ, s′ | a minibatch of n transitions, see `batch` | – |
+//! | π, Q | actor, critic (one or two) | `[action, n]`, `[1, n]` |
 //! | π′, Q′ | their target copies | the same |
 //!
 //! Both losses' gradients are taken at the same weights and applied together, so an update happens whole or not at
 //! all. The critic is through with (s, a), backward pass included, before it meets (s, π(s)): half the memory stays in
-//! nearer caches. TD3 (Fujimoto et al. 2018): y uses the lower of two
-//! target critics at a′ = clip(π′(s′) + clip(noise)), and actor and targets move every `actor_every` updates.
+//! nearer caches. TD3 (Fujimoto et al. 2018): y uses the lower of two target critics at a′ = clip(π′(s′) + clip(noise)),
+//! and actor and targets move every `actor_every` updates.
 
-use super::batch::Batch;
+use super::batch::{Batch, column};
 use super::error::Error;
 use super::kernels::Activation;
 use super::losses;
 use super::networks::{Head, Network, Pass, Row};
-use super::optimizer::{Step, apply, norm};
+use super::optimizer::{Step, apply};
 use super::priorities::{Draw, Priorities};
 use super::snapshot::{self, Counters};
+use super::strips::{Piece, Strips};
 use crate::replay::Replay;
-use candle_core::{Device, Tensor};
+use candle_core::Tensor;
 use herd_common::caps;
 use herd_common::config::ddpg::Config;
 use herd_common::policy::Layer;
@@ -54,10 +55,12 @@ pub struct Ddpg {
     pub(super) batch: Batch,
     /// Of prioritised replay.
     pub(super) priorities: Option<Priorities>,
-    /// Room for n rows of the actor, online or target.
+    /// Room for n transitions on their way through the actor.
     actor_pass: Pass,
-    /// Room for n rows of any critic, online or target.
+    /// Room for n transitions on their way through any critic.
     critic_pass: Pass,
+    /// Room for what the way back turns over.
+    room: Vec<Piece>,
 }
 
 /// What one update found out before it changes a weight; the gradients themselves stand in the networks.
@@ -80,10 +83,9 @@ impl Ddpg {
         let critic = widths(dims.observation + dims.action, 1);
         let critics = if config.twin_critic { 2 } else { 1 };
         let squash = if config.open_box { Activation::OpenTanh } else { Activation::Tanh };
-        let actor = Network::new(&actor, head(squash), seed.child("actor", 0))?;
-        let critics: Vec<Network> = (0..critics)
-            .map(|i| Network::new(&critic, head(Activation::Linear), seed.child("critic", i)))
-            .collect::<Result<_, _>>()?;
+        let actor = Network::new(&actor, head(squash), seed.child("actor", 0));
+        let critics: Vec<Network> =
+            (0..critics).map(|i| Network::new(&critic, head(Activation::Linear), seed.child("critic", i))).collect();
         Ok(Self {
             config: config.clone(),
             dims,
@@ -92,8 +94,9 @@ impl Ddpg {
             batch: Batch::new(config.batch_size, dims)?,
             priorities: (config.priority_alpha > 0.0)
                 .then(|| Priorities::new(config.priority_alpha, config.priority_beta, config.replay_capacity)),
-            actor_pass: actor.pass(config.batch_size)?,
-            critic_pass: critics[0].pass(config.batch_size)?,
+            actor_pass: actor.pass(config.batch_size),
+            critic_pass: critics[0].pass(config.batch_size),
+            room: Vec::new(),
             actor,
             critics,
         })
@@ -133,7 +136,7 @@ impl Ddpg {
             }
         } else {
             self.counters.skipped_in_row = 0;
-            self.apply(&found)?;
+            self.apply(&found);
             if let Some(priorities) = &mut self.priorities {
                 priorities.note(&draws, &found.errors);
             }
@@ -151,25 +154,18 @@ impl Ddpg {
         priorities.grow(replay.pushed());
         let draws = priorities.draw(n, rng);
         self.batch.fill(&draws.iter().map(|draw| replay.row(draw.age_rank)).collect::<Vec<_>>(), scale)?;
-        self.batch.set_weights(&draws.iter().map(|draw| draw.weight).collect::<Vec<_>>())?;
+        self.batch.set_weights(draws.iter().map(|draw| draw.weight).collect())?;
         Ok(draws)
     }
 
-    /// The actor's action for one observation, by candle.
-    pub fn act(&self, observation: &[f32]) -> Result<Vec<f32>, Error> {
-        let x = Tensor::from_slice(observation, (1, self.dims.observation), &Device::Cpu)?;
-        let pass = self.actor.pass(1)?;
-        self.actor.forward(Row::Online, &x, &pass)?;
-        Ok(pass.output().flatten_all()?.to_vec1()?)
+    /// The actor's action for one observation.
+    pub fn act(&self, observation: &[f32]) -> Vec<f32> {
+        answer(&self.actor, observation)
     }
 
     /// The first critic's Q(s, a), in units of scaled reward.
-    pub fn value(&self, observation: &[f32], action: &[f32]) -> Result<f32, Error> {
-        let width = self.dims.observation + self.dims.action;
-        let x = Tensor::from_vec([observation, action].concat(), (1, width), &Device::Cpu)?;
-        let pass = self.critics[0].pass(1)?;
-        self.critics[0].forward(Row::Online, &x, &pass)?;
-        Ok(pass.output().flatten_all()?.to_vec1::<f32>()?[0])
+    pub fn value(&self, observation: &[f32], action: &[f32]) -> f32 {
+        answer(&self.critics[0], &[observation, action].concat())[0]
     }
 
     /// The actor as plain data, every number finite.
@@ -178,12 +174,12 @@ impl Ddpg {
     }
 
     /// Losses and gradients for the batch; changes nothing that lasts.
-    pub(super) fn findings(&self, targets: &Tensor, moves_actor: bool) -> Result<Findings, Error> {
+    pub(super) fn findings(&mut self, targets: &Tensor, moves_actor: bool) -> Result<Findings, Error> {
         let mut critics = Vec::with_capacity(self.critics.len());
         let mut update = Update { critic_loss: 0.0, actor_loss: None, mean_value: 0.0, skipped: false };
         let mut errors = Vec::new();
-        for (i, critic) in self.critics.iter().enumerate() {
-            let judged = self.judge(critic, targets)?;
+        for i in 0..self.critics.len() {
+            let judged = self.judge(i, targets)?;
             update.critic_loss += judged.loss / self.critics.len() as f32;
             if i == 0 {
                 errors = judged.errors;
@@ -193,66 +189,63 @@ impl Ddpg {
         }
         let mut actor = None;
         if moves_actor {
-            update.actor_loss = Some(self.guide()?);
-            actor = Some(norm(&self.actor)?);
+            let (loss, norm) = self.guide()?;
+            update.actor_loss = Some(loss);
+            actor = Some(norm);
         }
         Ok(Findings { update, critics, actor, errors })
     }
 
     /// y of eq 6, with TD3's smoothing and minimum.
-    pub(super) fn targets(&self, rng: &mut impl Rng) -> Result<Tensor, Error> {
-        let batch = &self.batch;
-        self.actor.forward(Row::Target, &batch.next_observations()?, &self.actor_pass)?;
-        let actions = self.actor_pass.output();
+    pub(super) fn targets(&mut self, rng: &mut impl Rng) -> Result<Tensor, Error> {
+        let batch = &mut self.batch;
+        let mut actions = self.actor.answer(Row::Target, batch.next_inputs());
         if self.config.smoothing_sigma > 0.0 {
-            let noise =
-                Tensor::from_vec(smoothing(&self.config, actions.elem_count(), rng), actions.shape(), &Device::Cpu)?;
-            batch.set_next_actions(&(actions + noise)?.clamp(-1.0_f32, 1.0_f32)?)?;
-        } else {
-            batch.set_next_actions(actions)?;
+            smooth(&mut actions, &self.config, rng);
         }
-        let pass = &self.critic_pass;
+        batch.set_next_actions(&actions);
         let mut lowest: Option<Tensor> = None;
         for critic in &self.critics {
-            critic.forward(Row::Target, batch.next_inputs(), pass)?;
-            let values = pass.output();
-            lowest = Some(lowest.map_or_else(|| values.copy(), |lowest| lowest.minimum(values))?);
+            let values = column(critic.answer(Row::Target, batch.next_inputs()).row(0))?;
+            lowest = Some(match lowest {
+                None => values,
+                Some(lowest) => lowest.minimum(&values)?,
+            });
         }
         let next_values = lowest.expect("there is at least one critic");
         Ok(losses::targets(batch.rewards(), batch.discounts(), &next_values)?)
     }
 
     /// One critic's loss and gradient.
-    fn judge(&self, critic: &Network, y: &Tensor) -> Result<Judged, Error> {
-        let (inputs, pass) = (self.batch.inputs(), &self.critic_pass);
-        critic.forward(Row::Online, inputs, pass)?;
-        let values = pass.output();
-        let loss = losses::critic(values, y, self.batch.weights())?.to_scalar()?;
+    fn judge(&mut self, critic: usize, y: &Tensor) -> Result<Judged, Error> {
+        let Self { batch, critic_pass: pass, room, .. } = self;
+        let critic = &mut self.critics[critic];
+        critic.forward(batch.inputs(), pass);
+        let values = &column(pass.output().row(0))?;
+        let loss = losses::critic(values, y, batch.weights())?.to_scalar()?;
         let errors = if self.priorities.is_some() { (y - values)?.flatten_all()?.to_vec1()? } else { Vec::new() };
         let mean_value = values.mean_all()?.to_scalar()?;
-        pass.output_gradient().slice_set(&losses::critic_gradient(values, y, self.batch.weights())?, 0, 0)?;
-        critic.deltas(pass)?;
-        critic.gradients(inputs, pass)?;
-        Ok(Judged { loss, mean_value, norm: norm(critic)?, errors })
+        let gradient = row(&losses::critic_gradient(values, y, batch.weights())?)?;
+        let norm = critic.gradients(batch.inputs_by_row().view(), pass, &gradient, room);
+        Ok(Judged { loss, mean_value, norm, errors })
     }
 
-    /// The actor's loss and gradient, by the first critic.
-    fn guide(&self) -> Result<f32, Error> {
-        let (observations, actor_pass) = (self.batch.observations()?, &self.actor_pass);
-        self.actor.forward(Row::Online, &observations, actor_pass)?;
-        self.batch.set_own_actions(actor_pass.output())?;
-        let (critic, pass) = (&self.critics[0], &self.critic_pass);
-        critic.forward(Row::Online, self.batch.own_inputs(), pass)?;
-        let loss = losses::actor(pass.output())?.to_scalar()?;
-        pass.output_gradient().slice_set(&losses::actor_gradient(pass.output())?, 0, 0)?;
-        critic.deltas(pass)?;
-        critic.input_gradient(pass, self.dims.observation, actor_pass.output_gradient())?;
-        self.actor.deltas(actor_pass)?;
-        self.actor.gradients(&observations, actor_pass)?;
-        Ok(loss)
+    /// The actor's loss and gradient, by the first critic; gives the loss and the gradient's length.
+    fn guide(&mut self) -> Result<(f32, f32), Error> {
+        let Self { actor, batch, actor_pass, critic_pass: pass, room, .. } = self;
+        actor.forward(batch.inputs(), actor_pass);
+        batch.set_own_actions(actor_pass.output());
+        let critic = &self.critics[0];
+        critic.forward(batch.own_inputs(), pass);
+        let values = &column(pass.output().row(0))?;
+        let loss = losses::actor(values)?.to_scalar()?;
+        critic.deltas(pass, &row(&losses::actor_gradient(values)?)?);
+        let mut gradient = Strips::new(self.dims.action, self.config.batch_size);
+        critic.input_gradient(pass, self.dims.observation, &mut gradient);
+        Ok((loss, actor.gradients(batch.observations_by_row().view(), actor_pass, &gradient, room)))
     }
 
-    fn apply(&mut self, found: &Findings) -> Result<(), Error> {
+    fn apply(&mut self, found: &Findings) {
         self.counters.critic_steps += 1;
         let step = Step {
             rate: self.config.critic_rate,
@@ -260,15 +253,40 @@ impl Ddpg {
             clip: self.config.gradient_clip,
             target_rate: found.actor.is_some().then_some(self.config.target_rate),
         };
-        for (critic, norm) in self.critics.iter().zip(&found.critics) {
-            apply(critic, *norm, step)?;
+        for (critic, norm) in self.critics.iter_mut().zip(&found.critics) {
+            apply(critic, *norm, step);
         }
         if let Some(norm) = found.actor {
             self.counters.actor_steps += 1;
             let step = Step { rate: self.config.actor_rate, count: self.counters.actor_steps, ..step };
-            apply(&self.actor, norm, step)?;
+            apply(&mut self.actor, norm, step);
         }
-        Ok(())
+    }
+}
+
+/// What a network answers to one input.
+fn answer(network: &Network, input: &[f32]) -> Vec<f32> {
+    let mut x = Strips::new(input.len(), 1);
+    input.iter().enumerate().for_each(|(row, number)| x.set_row(row, &[*number]));
+    let answer = network.answer(Row::Online, &x);
+    (0..answer.rows()).map(|row| answer.view().at(row, 0)).collect()
+}
+
+/// `[1, n]` of `[n, 1]`.
+fn row(column: &Tensor) -> candle_core::Result<Strips> {
+    let mut row = Strips::new(1, column.elem_count());
+    row.set_row(0, &column.flatten_all()?.to_vec1()?);
+    Ok(row)
+}
+
+/// Adds TD3's noise to target actions, inside the box.
+fn smooth(actions: &mut Strips, config: &Config, rng: &mut impl Rng) {
+    let noise = smoothing(config, actions.rows() * actions.columns(), rng);
+    for row in 0..actions.rows() {
+        let of_row = noise.iter().skip(row).step_by(actions.rows());
+        let mut moved = actions.row(row);
+        moved.iter_mut().zip(of_row).for_each(|(action, noise)| *action = (*action + noise).clamp(-1.0, 1.0));
+        actions.set_row(row, &moved);
     }
 }
 

@@ -175,7 +175,7 @@ fn activate(sum: &Tensor, activation: Activation) -> Result<Tensor> {
     }
 }
 
-/// `gradient · f′` as `kernels::Slope` has it, f′ told from f's value y.
+/// `gradient · f′` as `Activation::slope` has it, f′ told from f's value y.
 fn slope(gradient: &Tensor, y: &Tensor, activation: Activation) -> Result<Tensor> {
     match activation {
         Activation::Linear => Ok(gradient.clone()),
