@@ -134,10 +134,12 @@ def say(text):
     print(text, file=sys.stderr, flush=True)
 
 
-def environment(on_gpu):
+def environment(on_gpu, threads=1):
     """What herd and its peers are started with; GPUs are hidden from those that are not to use one."""
     hidden = {"CUDA_VISIBLE_DEVICES"} if on_gpu else set()
-    return {**os.environ, **{name: value for name, value in ONE_THREAD.items() if name not in hidden}}
+    settings = {name: value for name, value in ONE_THREAD.items() if name not in hidden}
+    counts = {name: str(threads) for name in settings if name.endswith("_NUM_THREADS")}
+    return {**os.environ, **settings, **counts}
 
 
 class Bench:
@@ -155,7 +157,7 @@ class Bench:
         )
         self.home = ROOT / "target" / "peers" / f"{package}-{bench}"
 
-    def run(self, only, seconds, samples=30, on_gpu=False):
+    def run(self, only, seconds, samples=30, on_gpu=False, threads=1):
         """Microseconds an iteration, for every sample of every bench whose name contains `only`.
 
         With as many samples as iterations fit into `seconds`, each is of one iteration, as a peer's are.
@@ -164,7 +166,7 @@ class Bench:
             [self.program, "--bench", only, "--warm-up-time", "0.5", "--measurement-time", str(seconds),
              "--sample-size", str(max(int(samples), 10)), "--nresamples", "1001"],
             check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            env={**environment(on_gpu), "CRITERION_HOME": str(self.home)},
+            env={**environment(on_gpu, threads), "CRITERION_HOME": str(self.home)},
         )  # fmt: skip
         found = {}
         for path in self.home.glob("**/new/benchmark.json"):

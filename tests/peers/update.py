@@ -2,6 +2,8 @@
 
 import bench
 
+# Transitions, and about how long that takes.
+BATCHES = ((64, 1500), (256, 4000))
 PEERS = [
     ("PyTorch eager", "update_torch.py", "eager"),
     ("PyTorch tuned", "update_torch.py", "tuned"),
@@ -26,10 +28,10 @@ def measure(options):
     """The rows of the table, batch by batch."""
     rounds, seconds = (1, 1.0) if options.quick else (options.rounds, 3.0)
     herd = None if options.no_herd else bench.Bench("herd-learner", "ddpg")
+    rows = [] if herd is None else threads_allowed(herd, rounds, seconds)
     # XLA starts threads of its own, whatever its flags say.
     bench.pin()
-    rows = []
-    for batch, expected_micros in ((64, 2000), (256, 8000)):
+    for batch, expected_micros in BATCHES:
         work, missing = f"DDPG update, batch {batch}", []
         peers = start(work, batch, missing)
         times, threads = {"herd": []}, {}
@@ -48,6 +50,22 @@ def measure(options):
             rows.append(line(work, name, times[name], f"{peer.ready['how']}; {threads[name]:.2f} threads busy"))
             peer.close()
         rows += missing
+    return rows
+
+
+def threads_allowed(herd, rounds, seconds):
+    """herd's update where it may start one thread and where it may start two, turn by turn, on whichever core is free."""
+    rows = []
+    for batch, expected_micros in BATCHES:
+        work, times = f"DDPG update, batch {batch}, any core", {1: [], 2: []}
+        for number in range(rounds):
+            bench.say(f"update: one thread and two, batch {batch}, round {number + 1}")
+            for threads, found in times.items():
+                samples = seconds * 1e6 / expected_micros
+                for micros in herd.run(f"update/{batch}/ddpg", seconds, samples, threads=threads).values():
+                    found += micros
+        rows.append(line(work, "herd", times[1], "one thread allowed"))
+        rows.append(line(work, "herd, two threads allowed", times[2], "an update stays on the thread that calls it"))
     return rows
 
 
