@@ -11,7 +11,6 @@
 //! Source: Kingma & Ba 2015, algorithm 1. There is no weight decay.
 
 #![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
-#![expect(clippy::needless_range_loop, reason = "iterators are not inlined where there is much code around them")]
 
 use super::networks::Network;
 use super::strips::{Piece, WIDTH};

@@ -14,7 +14,7 @@
 #![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
 
 use super::strips::{Matrix, Piece, pieces};
-use super::tile::{Finish, Left, place};
+use super::tile::{Finish, Left, Terms, place};
 use pulp::{Simd, WithSimd};
 
 /// `c ← f(a · b)`, where c holds the pieces of `[m, n]`.
@@ -27,6 +27,9 @@ pub(super) fn product(c: &mut [Piece], a: impl Left, b: Matrix<'_>, mut finish: 
     }
     pulp::Arch::new().dispatch(Multiply { c, a, b, finish: &mut finish });
 }
+
+/// Terms that are added to all of a strip of C before the next: so much of a strip of B stays in the nearest cache.
+const DEPTH: usize = 256;
 
 struct Multiply<'a, 'f, A> {
     c: &'a mut [Piece],
@@ -78,19 +81,24 @@ impl<A: Left, const R: usize, const H: usize, const V: usize> WithSimd for Strip
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { c, a, b, finish } = self;
-        let mut row = 0;
-        while row < c.len() {
-            let together = a.together(row);
-            row += if together >= R {
-                place::<S, R, V>(simd, a, row, b, c, finish);
-                R
-            } else if together >= H {
-                place::<S, H, V>(simd, a, row, b, c, finish);
-                H
-            } else {
-                place::<S, 1, V>(simd, a, row, b, c, finish);
-                1
-            };
+        // ReLU's value stands where the sums of the first terms would.
+        let depth = if matches!(finish, Finish::Slope) { b.len() } else { DEPTH };
+        for first in (0..b.len()).step_by(depth) {
+            let terms = Terms { b, first, end: b.len().min(first + depth) };
+            let mut row = 0;
+            while row < c.len() {
+                let together = a.together(row);
+                row += if together >= R {
+                    place::<S, R, V>(simd, a, row, terms, c, finish);
+                    R
+                } else if together >= H {
+                    place::<S, H, V>(simd, a, row, terms, c, finish);
+                    H
+                } else {
+                    place::<S, 1, V>(simd, a, row, terms, c, finish);
+                    1
+                };
+            }
         }
     }
 }
@@ -153,8 +161,16 @@ mod tests {
     }
 
     #[test]
+    fn deep_products_are_chains_too() {
+        let bias = random((1, 13), 3);
+        check(13, 2 * DEPTH + 50, 37, 3, || Finish::Bias(bias.view().pieces, Activation::Relu));
+        check(13, DEPTH, 37, 3, || Finish::Bias(bias.view().pieces, Activation::Relu));
+        check(13, DEPTH + 1, 37, 3, || Finish::Slope);
+    }
+
+    #[test]
     fn narrower_registers_give_the_same_bits() {
-        let (m, k, n) = (45, 70, 64);
+        let (m, k, n) = (45, 70 + DEPTH, 64);
         let (a, b) = (random((m, k), 1), random((k, n), 2));
         let [mut widest, mut single] = [Strips::new(m, n), Strips::new(m, n)];
         let [mut squares, mut of_single] = [Piece::ZERO; 2];

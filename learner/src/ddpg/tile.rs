@@ -96,20 +96,37 @@ impl Left for Turned<'_> {
     }
 }
 
-/// One tile: rows `row` to `row + R` of the strip c.
+/// Some terms of the sums: these rows of a strip of B. The first is the first of a strip of A, too.
+#[derive(Clone, Copy)]
+pub(super) struct Terms<'a> {
+    pub(super) b: &'a [Piece],
+    pub(super) first: usize,
+    pub(super) end: usize,
+}
+
+/// One tile: rows `row` to `row + R` of the strip c. The terms are added to those before them, whose sums stand in c;
+/// what follows a sum is done after the last.
 #[inline(always)]
 pub(super) fn place<S: Simd, const R: usize, const V: usize>(
     simd: S,
     left: impl Left,
     row: usize,
-    b: &[Piece],
+    terms: Terms<'_>,
     c: &mut [Piece],
     finish: &mut Finish<'_>,
 ) {
+    let is_last = terms.end == terms.b.len();
     let c: &mut [Piece; R] = c[row..].first_chunk_mut().expect("rows of the tile");
     for column in (0..WIDTH).step_by(V * S::F32_LANES) {
-        let mut sums = sums::<S, R, V>(simd, left, row, b, column);
+        let mut sums = [[simd.splat_f32s(0.0); V]; R];
+        if terms.first > 0 {
+            for r in 0..R {
+                sums[r] = registers::<S, V>(&c[r], column);
+            }
+        }
+        add_terms(simd, &mut sums, left, row, terms, column);
         match finish {
+            _ if !is_last => (),
             Finish::Squares(squares) => add_squares(simd, registers_mut::<S, V>(squares, column), &sums),
             Finish::Bias(bias, f) => add_bias(simd, &mut sums, bias, row, *f),
             Finish::Slope => slope(simd, &mut sums, c, column),
@@ -118,7 +135,7 @@ pub(super) fn place<S: Simd, const R: usize, const V: usize>(
             *registers_mut::<S, V>(&mut c[r], column) = sums[r];
         }
     }
-    if let Finish::Bias(_, Activation::Tanh | Activation::OpenTanh) = finish {
+    if let (Finish::Bias(_, Activation::Tanh | Activation::OpenTanh), true) = (finish, is_last) {
         for number in c.iter_mut().flat_map(|piece| &mut piece.0) {
             *number = number.tanh();
         }
@@ -180,32 +197,32 @@ fn slope<S: Simd, const R: usize, const V: usize>(
 /// Columns of A that are written out one after the other.
 const ROUND: usize = 8;
 
-/// R rows of A times V registers of b from this column on; each number is one chain of fused multiply-adds.
+/// Adds these terms of R rows of A times V registers of b from this column on, one fused multiply-add after the other.
 #[inline(always)]
-fn sums<S: Simd, const R: usize, const V: usize>(
+fn add_terms<S: Simd, const R: usize, const V: usize>(
     simd: S,
+    sums: &mut [[S::f32s; V]; R],
     left: impl Left,
     row: usize,
-    b: &[Piece],
+    terms: Terms<'_>,
     column: usize,
-) -> [[S::f32s; V]; R] {
-    let mut sums = [[simd.splat_f32s(0.0); V]; R];
-    let (blocks, rest) = b.as_chunks::<WIDTH>();
+) {
+    let (blocks, rest) = terms.b[terms.first..terms.end].as_chunks::<WIDTH>();
     for (i, block) in blocks.iter().enumerate() {
-        let left = left.part::<R>(row, i * WIDTH..(i + 1) * WIDTH);
+        let first = terms.first + i * WIDTH;
+        let left = left.part::<R>(row, first..first + WIDTH);
         for first in (0..WIDTH).step_by(ROUND) {
             for k in first..first + ROUND {
-                add_term(simd, &mut sums, &left, k, &block[k], column);
+                add_term(simd, sums, &left, k, &block[k], column);
             }
         }
     }
     if !rest.is_empty() {
-        let left = left.part::<R>(row, blocks.len() * WIDTH..b.len());
+        let left = left.part::<R>(row, terms.end - rest.len()..terms.end);
         for k in 0..rest.len() {
-            add_term(simd, &mut sums, &left, k, &rest[k], column);
+            add_term(simd, sums, &left, k, &rest[k], column);
         }
     }
-    sums
 }
 
 /// Adds `left(k, r) · b` to the sums of each row r.
