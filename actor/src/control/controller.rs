@@ -2,9 +2,10 @@
 //!
 //! A gait is what is wanted; what a body and legs cannot do is cut here, so that no gait throws the robot over by itself.
 //! With v* the speed aimed at and v the faster of it and the measured one: v* follows `v_x`, kept between two speeds, with
-//! bounded acceleration; Δt is at most the longest stride over v; H is at least proportional to v; a foot advances in the
-//! first `1 − c v²` of its swing, 0.87 at least, and then only sinks, since one that lands while it advances skids and
-//! brakes. Lateral velocity and yaw rate are taken as they are asked for.
+//! bounded acceleration and near the speed that the robot has; Δt is at most the longest stride over v, and S shrinks with
+//! it; H is at least proportional to v; a foot advances in the first `1 − c v²` of its swing, 0.87 at least, and then only
+//! sinks, since one that lands while it advances skids and brakes. Lateral velocity and yaw rate are taken as they are
+//! asked for.
 //!
 //! The MPC is asked every `period_secs`, and at once when legs change their duty, so that no force is held by a leg
 //! that left the ground. Its answer is used in the tick that asked: there is no delay.
@@ -142,6 +143,11 @@ impl Controller {
         self.reference.map(|reference| reference.position())
     }
 
+    /// Height of the ground below a point as the feet feel it, world, m; unknown before the first tick.
+    pub fn ground_below(&self, place: &Vector2<f64>) -> Option<f64> {
+        self.terrain.is_felt().then(|| self.terrain.height(place))
+    }
+
     /// Begins a swing with this gait; returns how many ticks it lasts.
     pub fn begin(&mut self, gait: &task::Constant, body: &Body<'_>) -> u32 {
         if self.may_halt(gait, body) {
@@ -152,7 +158,9 @@ impl Controller {
         let step_secs = gait.step_secs.min(self.config.gait.stride_max_m / speed.max(1e-3));
         self.schedule = Schedule::new(self.next_pair(), step_secs, self.tick_secs);
         let [backwards, forwards] = self.config.gait.speed_mps;
-        self.gait = task::Constant { velocity_mps: gait.velocity_mps.clamp(backwards, forwards), ..*gait };
+        // The stride shrinks with the time that it has: what fits the speed goes on to fit it.
+        let stride_m = gait.stride_m * step_secs / gait.step_secs;
+        self.gait = task::Constant { velocity_mps: gait.velocity_mps.clamp(backwards, forwards), stride_m, ..*gait };
         for leg in Leg::ALL {
             let duty = &mut self.duties[leg.index()];
             if self.schedule.swings(leg) {
@@ -204,7 +212,7 @@ impl Controller {
             self.ticks_to_solve = ((self.config.mpc.period_secs / self.tick_secs).round() as u32).max(1);
         }
         self.ticks_to_solve -= 1;
-        let torques = Leg::ALL.map(|leg| self.leg_torques(leg, body));
+        let torques = Leg::ALL.map(|leg| self.leg_torques(leg, body, contacts.normal[leg.index()] > 0.0));
         self.advance(&motion);
         torques.map(|leg| leg.map(|torque| self.within_limit(torque)))
     }
@@ -265,9 +273,15 @@ impl Controller {
         self.forces = solution.forces;
     }
 
-    fn leg_torques(&self, leg: Leg, body: &Body<'_>) -> Vector3<f64> {
+    fn leg_torques(&self, leg: Leg, body: &Body<'_>, touches: bool) -> Vector3<f64> {
         match &self.duties[leg.index()] {
-            Duty::Stands => body.stance_torques(leg, &self.forces[leg.index()]),
+            Duty::Stands => {
+                // A foot that bears little would be dragged along by its hip, ever further from where it was put.
+                let down = if touches { 0.0 } else { self.config.swing.reach_down_mps };
+                let still = Vector3::new(0.0, 0.0, -down);
+                let grip = body.grip_torques(leg, &still, self.config.swing.grip_nspm);
+                body.stance_torques(leg, &self.forces[leg.index()]) + grip
+            }
             Duty::Flies { swing, ticks, target } => {
                 let elapsed = f64::from(*ticks) * self.tick_secs;
                 let below = Vector3::z() * self.config.gait.touchdown_depth_m;
@@ -283,8 +297,11 @@ impl Controller {
     }
 
     fn advance(&mut self, motion: &Motion) {
-        let most = self.config.gait.pace_mps2 * self.tick_secs;
+        let (most, lead) = (self.config.gait.pace_mps2 * self.tick_secs, self.config.gait.pace_lead_mps);
+        let ahead = self.steering.ahead(&motion.velocity);
         self.pace += (self.gait.velocity_mps - self.pace).clamp(-most, most);
+        // What friction cannot do yet is not asked for: feet set out for it would land beyond what can bear the trunk.
+        self.pace = self.pace.clamp(ahead - lead, ahead + lead);
         let here = motion.position;
         let bound = self.config.gait.position_clamp_m;
         self.reference.get_or_insert(Reference::new(here)).advance(&motion.wanted, self.tick_secs, &here, bound);

@@ -73,6 +73,17 @@ impl<'a> Body<'a> {
         -(jacobian.transpose() * in_body) + self.own_weight(leg) + self.friction(leg)
     }
 
+    /// Torques (N·m) that bring the contact point of a standing foot, should it move otherwise, to this velocity (world, m/s).
+    pub fn grip_torques(&self, leg: Leg, velocity: &Vector3<f64>, damping_nspm: f64) -> Vector3<f64> {
+        let down = self.rotation.inverse() * Vector3::new(0.0, 0.0, -self.model.foot_radius);
+        let posture = self.posture(leg);
+        let jacobian = posture.jacobian_with_offset(self.model.geometry.foot(), &down);
+        let arm = self.contact_point(leg) - self.state.position;
+        let carried = self.state.velocity + self.state.angular_velocity.cross(&arm);
+        let wanted = self.rotation.inverse() * (velocity - carried);
+        jacobian.transpose() * (wanted - jacobian * self.state.joint_speeds[leg.index()]) * damping_nspm
+    }
+
     /// Torques (N·m) that take a foot in the air along its path.
     pub fn swing_torques(&self, leg: Leg, path: &Point, gains: &control::Swing) -> Vector3<f64> {
         let posture = self.posture(leg);
@@ -150,6 +161,33 @@ mod tests {
         let below = Vector3::new(0.0, 0.0, -model.foot_radius);
         let in_calf = (state.rotation * calf(&touching)).inverse() * below;
         state.rotation * (model.geometry.foot_in_body(leg, joints) + calf(joints) * in_calf)
+    }
+
+    #[test]
+    fn a_standing_foot_that_skids_is_braked_and_one_that_stays_is_left_alone() {
+        let model = Model::new(&Config::default().robot);
+        let mut state = RobotState {
+            position: Vector3::new(1.0, -2.0, 0.17),
+            rotation: UnitQuaternion::from_euler_angles(0.1, -0.1, 0.5),
+            velocity: Vector3::new(0.9, 0.1, -0.05),
+            angular_velocity: Vector3::new(0.2, -0.3, 0.4),
+            joints: Leg::ALL.map(|leg| model.nominal(leg)),
+            joint_speeds: [Vector3::zeros(); 4],
+        };
+        let leg = Leg::RearLeft;
+        let gripping = |state: &RobotState| Body::new(&model, state).grip_torques(leg, &Vector3::zeros(), 20.0);
+        // The foot rides along with the trunk: what is felt at the foot is 20 N·s/m against its velocity.
+        let body = Body::new(&model, &state);
+        let down = body.rotation.inverse() * Vector3::new(0.0, 0.0, -model.foot_radius);
+        let jacobian = body.legs[leg.index()].jacobian_with_offset(model.geometry.foot(), &down);
+        let arm = body.contact_point(leg) - state.position;
+        let rides = state.velocity + state.angular_velocity.cross(&arm);
+        let inverse = jacobian.try_inverse().expect("the knee is bent");
+        let felt = body.rotation * (inverse.transpose() * gripping(&state));
+        assert!((felt + rides * 20.0).norm() < 1e-9, "{felt}");
+        // Now its joints move so that it stays where it is.
+        state.joint_speeds[leg.index()] = -(inverse * (body.rotation.inverse() * rides));
+        assert!(gripping(&state).norm() < 1e-9);
     }
 
     #[test]

@@ -90,7 +90,9 @@ impl Outlook<'_> {
         let duty = &self.duties[leg.index()];
         let touchdown = self.schedule.touchdown_before(ahead);
         // A leg that touched down early stands until the end of its next stance.
-        let stands = self.schedule.stands_at(leg, ahead) || (touchdown.is_none() && duty.stands());
+        let planned = self.schedule.stands_at(leg, ahead) || (touchdown.is_none() && duty.stands());
+        // A late leg bears nothing before it has found the ground.
+        let stands = if ahead == 0.0 { duty.stands() } else { planned };
         if !stands {
             return None;
         }

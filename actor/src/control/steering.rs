@@ -19,6 +19,11 @@ impl Steering {
         Rotation2::new(self.heading) * Vector2::new(forward_mps, self.lateral_mps)
     }
 
+    /// The part of a velocity (world, m/s) along the heading, m/s.
+    pub(super) fn ahead(&self, velocity: &Vector2<f64>) -> f64 {
+        (Rotation2::new(self.heading).inverse() * velocity).x
+    }
+
     /// True when neither is asked for.
     pub(super) fn is_straight(&self) -> bool {
         self.lateral_mps == 0.0 && self.yaw_radps == 0.0
@@ -40,6 +45,8 @@ mod tests {
         let mut steering = Steering { lateral_mps: 0.1, yaw_radps: FRAC_PI_2, heading: 0.0 };
         assert_eq!(steering.world(0.5), Vector2::new(0.5, 0.1));
         (0..1000).for_each(|_| steering.advance(0.001));
-        assert!((steering.world(0.5) - Vector2::new(-0.1, 0.5)).norm() < 1e-9, "{steering:?}");
+        let world = steering.world(0.5);
+        assert!((world - Vector2::new(-0.1, 0.5)).norm() < 1e-9, "{steering:?}");
+        assert!((steering.ahead(&world) - 0.5).abs() < 1e-9);
     }
 }

@@ -54,6 +54,11 @@ impl Terrain {
         self.gradient += (slope.map(|g| g.clamp(-STEEPEST, STEEPEST)) - self.gradient) * share;
     }
 
+    /// True once feet have pressed on something.
+    pub(super) fn is_felt(&self) -> bool {
+        self.feet.is_some()
+    }
+
     /// Height of the plane over a point, world, m.
     pub(super) fn height(&self, place: &Vector2<f64>) -> f64 {
         self.middle.z + self.gradient.dot(&(place - self.middle.xy()))

@@ -361,10 +361,11 @@ impl Env {
             let place = self.controller.place().unwrap_or(self.sensed.position.xy());
             seen_from(&self.sensed, &place, self.controller.heading())
         });
+        let place = self.state.position.xy();
         let sense = Sense {
             state: on_course.as_ref().unwrap_or(&self.sensed),
             torques: &self.torques,
-            ground: self.ground().height(self.state.position.x, self.state.position.y),
+            ground: self.controller.ground_below(&place).unwrap_or_else(|| self.ground().height(place.x, place.y)),
             normal: mean(self.forces.iter().map(|(normal, _)| normal).sum()),
             friction: mean(self.forces.iter().map(|(_, friction)| friction).sum()),
             command: self.command,

@@ -44,7 +44,7 @@ pub struct Sense<'a> {
     pub normal: [f64; 4],
     /// Friction force on each foot, N.
     pub friction: [f64; 4],
-    /// Height of the ground below the trunk, world, m.
+    /// Height of the ground below the trunk, as the feet feel it where a controller drives them, world, m.
     pub ground: f64,
     /// What is asked of the robot, in the command task.
     pub command: Option<Command>,

@@ -1,7 +1,6 @@
 //! What the robot measures of itself: its state with Gaussian noise on it, fresh at every tick.
 //!
-//! The position of the trunk is left exact, and its height is that over the true ground below it: on steps and bumps a
-//! policy knows a little more than a robot's legs could tell. The controller takes heights from the legs, see `terrain`.
+//! The position of the trunk is left exact. Heights over the ground come from the legs, see `terrain`, not from a map.
 
 use crate::sim::RobotState;
 use herd_common::seed::Seed;

@@ -77,6 +77,8 @@ pub struct Gait {
     pub lift_per_speed_secs: f64,
     /// Largest change of the speed that is aimed at when another is asked for, m/s².
     pub pace_mps2: f64,
+    /// Largest difference between that speed and the robot's, m/s.
+    pub pace_lead_mps: f64,
     /// Largest acceleration of the speed reference along an axis, m/s².
     pub acceleration_mps2: f64,
     /// Below this speed a robot that is asked to stand still stops stepping, m/s.
@@ -95,6 +97,8 @@ pub struct Swing {
     pub stiffness_npm: f64,
     /// K_d, N·s/m.
     pub damping_nspm: f64,
+    /// What holds a standing foot in its place, N·s/m.
+    pub grip_nspm: f64,
     /// Normal force that counts as touchdown, N.
     pub early_contact_n: f64,
     /// Share of the swing before which contact does not count.
@@ -132,12 +136,14 @@ impl Config {
         check_span("control.gait.speed_mps", self.gait.speed_mps, -5.0..=5.0)?;
         check("control.gait.lift_per_speed_secs", self.gait.lift_per_speed_secs, 0.0..=0.1)?;
         check("control.gait.pace_mps2", self.gait.pace_mps2, 0.01..=100.0)?;
+        check("control.gait.pace_lead_mps", self.gait.pace_lead_mps, 0.01..=100.0)?;
         check("control.gait.acceleration_mps2", self.gait.acceleration_mps2, 0.01..=100.0)?;
         check("control.swing.sink_share", self.swing.sink_share, 0.0..=1.0)?;
         check("control.swing.aim_share", self.swing.aim_share, 0.0..=1.0)?;
         check("control.gait.halt_mps", self.gait.halt_mps, 0.0..=5.0)?;
         check("control.swing.stiffness_npm", self.swing.stiffness_npm, 0.0..=1e5)?;
         check("control.swing.damping_nspm", self.swing.damping_nspm, 0.0..=1e4)?;
+        check("control.swing.grip_nspm", self.swing.grip_nspm, 0.0..=1e4)?;
         check("control.swing.early_contact_n", self.swing.early_contact_n, 0.0..=1e4)?;
         check("control.swing.early_contact_phase", self.swing.early_contact_phase, 0.0..=1.0)?;
         check("control.swing.reach_down_mps", self.swing.reach_down_mps, 0.0..=5.0)
