@@ -207,7 +207,7 @@ impl Config {
 }
 
 /// Counts changes of the controller that no configuration key shows; part of the task hash.
-const CONTROLLER_REVISION: u32 = 3;
+const CONTROLLER_REVISION: u32 = 4;
 
 fn read(path: &Path) -> Result<String, Error> {
     std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })
