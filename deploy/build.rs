@@ -42,7 +42,7 @@ fn commit() -> Option<String> {
 /// The files that change when HEAD moves; git knows where they are, in a worktree too.
 fn heads() -> impl Iterator<Item = String> {
     let branch = git(&["symbolic-ref", "--quiet", "HEAD"]);
-    let names = ["HEAD".to_owned(), "packed-refs".to_owned()].into_iter().chain(branch);
+    let names = ["HEAD".to_owned(), "logs/HEAD".to_owned(), "packed-refs".to_owned()].into_iter().chain(branch);
     names.filter_map(|name| git(&["rev-parse", "--git-path", &name]))
 }
 

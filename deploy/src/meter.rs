@@ -43,7 +43,7 @@ impl Meter {
         }
         let Ok(mut told) = self.told.lock() else { return };
         if told.elapsed() >= PLAIN {
-            *told += PLAIN;
+            *told += told.elapsed();
             let left = self.start.elapsed().as_secs_f64() * self.total.saturating_sub(done) as f64 / done as f64;
             eprintln!("{}/{} {}  {} to go", count(done), count(self.total), self.name, duration(left));
         }

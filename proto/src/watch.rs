@@ -92,6 +92,7 @@ impl PolicyStream {
     fn end(&self, status: Option<Status>) -> Result<Option<Bytes>, Status> {
         match status {
             Some(status) if status.code() != Code::Ok => Err(status),
+            None => Err(Status::unknown("the stream of policies ends without a status")),
             _ if self.held.bytes > 0 => Err(Status::internal("the stream of policies ends within one")),
             _ => Ok(None),
         }

@@ -4,8 +4,8 @@
 //! With v* the speed aimed at and v the faster of it and the measured one: v* follows `v_x`, kept between two speeds, with
 //! bounded acceleration and near the speed that the robot has; Δt is at most the longest stride over v, and S shrinks with
 //! it; H is at least proportional to v; a foot advances in the first `1 − c v²` of its swing, 0.87 at least, and then only
-//! sinks, since one that lands while it advances skids and brakes. Lateral velocity and yaw rate are taken as they are
-//! asked for.
+//! sinks, since one that lands while it advances skids and brakes; a foot that stands is held where it is. Lateral velocity
+//! and yaw rate are taken as they are asked for.
 //!
 //! The MPC is asked every `period_secs`, and at once when legs change their duty, so that no force is held by a leg
 //! that left the ground. Its answer is used in the tick that asked: there is no delay.
@@ -301,7 +301,7 @@ impl Controller {
         let ahead = self.steering.ahead(&motion.velocity);
         self.pace += (self.gait.velocity_mps - self.pace).clamp(-most, most);
         // What friction cannot do yet is not asked for: feet set out for it would land beyond what can bear the trunk.
-        self.pace = self.pace.clamp(ahead - lead, ahead + lead);
+        self.pace = self.pace.max(ahead - lead).min(ahead + lead);
         let here = motion.position;
         let bound = self.config.gait.position_clamp_m;
         self.reference.get_or_insert(Reference::new(here)).advance(&motion.wanted, self.tick_secs, &here, bound);

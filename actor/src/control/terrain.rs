@@ -54,7 +54,7 @@ impl Terrain {
         self.gradient += (slope.map(|g| g.clamp(-STEEPEST, STEEPEST)) - self.gradient) * share;
     }
 
-    /// True once feet have pressed on something.
+    /// True after the first tick.
     pub(super) fn is_felt(&self) -> bool {
         self.feet.is_some()
     }

@@ -383,6 +383,7 @@ fn checked(action: &[f32], task: Task) -> &[f32] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::{Arc, Mutex};
 
     fn env(sets: &[&str]) -> Env {
         let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
@@ -431,6 +432,48 @@ mod tests {
         assert_eq!((outcome.decisions, outcome.seconds), (7, 1.0));
         assert!((outcome.reward.survival - 30.0).abs() < 1e-9);
         assert_eq!(outcome.first_invalid(), None);
+    }
+
+    #[test]
+    fn no_torque_is_beyond_the_limit_and_cut_ones_are_counted() {
+        let mut env = env(&["task.kind=constant", "robot.torque_max_nm=6", "task.episode_secs=1"]);
+        let largest = Arc::new(Mutex::new(0.0_f64));
+        let seen = Arc::clone(&largest);
+        env.set_observer(Some(Box::new(move |_, _, torques| {
+            let most = torques.iter().map(Vector3::amax).fold(0.0, f64::max);
+            let mut largest = seen.lock().expect("nobody panics");
+            *largest = largest.max(most);
+        })));
+        env.reset(Seed::from_number(1));
+        while env.step(&[]).ending.is_none() {}
+        assert_eq!(*largest.lock().expect("nobody panics"), env.model().torque_max);
+        assert!(env.outcome().counts.saturated_torques > 0);
+    }
+
+    #[test]
+    fn the_mpc_is_asked_every_period_and_looks_as_far_ahead_as_it_is_told() {
+        let config = Config::load(None, &["task.kind=constant".to_owned(), "task.episode_secs=3".to_owned()]);
+        let config = config.expect("valid");
+        let (gait, mpc) = (&config.task.constant, &config.control.mpc);
+        let ahead = Arc::new(Mutex::new(Vec::new()));
+        let asked = Arc::clone(&ahead);
+        let mut env = Env::new(&config).with_watcher(Box::new(move |state, horizon| {
+            let last = horizon.last().expect("not empty");
+            asked.lock().expect("nobody panics").push(last.reference.position.x - state.position.x);
+        }));
+        env.reset(Seed::from_number(1));
+        while env.step(&[]).ending.is_none() {}
+        let ahead = ahead.lock().expect("nobody panics");
+        let (periods, swings) = (3.0 / mpc.period_secs, 3.0 / gait.step_secs);
+        // Beside the period: at the start of each swing, and when each of its two feet touches down.
+        let count = ahead.len() as f64;
+        assert!(count > periods && count <= periods + 3.0 * swings, "{count} questions in 3 s");
+        let far = ahead[ahead.len() - 1] / gait.velocity_mps;
+        let horizon_secs = mpc.horizon as f64 * mpc.step_secs;
+        assert!(
+            (far / horizon_secs - 1.0).abs() < 0.2,
+            "{far} s ahead at the end of the walk, expected {horizon_secs}"
+        );
     }
 
     #[test]

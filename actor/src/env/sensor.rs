@@ -1,6 +1,7 @@
 //! What the robot measures of itself: its state with Gaussian noise on it, fresh at every tick.
 //!
-//! The position of the trunk is left exact. Heights over the ground come from the legs, see `terrain`, not from a map.
+//! The position of the trunk is left exact. Heights over the ground come from the legs where a controller drives them, see
+//! `terrain`; policies of torques, and the first look of an episode, get the true one.
 
 use crate::sim::RobotState;
 use herd_common::seed::Seed;

@@ -166,6 +166,20 @@ mod tests {
     }
 
     #[test]
+    fn angle_rates_are_how_the_angles_of_a_level_body_change() {
+        let turn = |secs: f64| {
+            let level = Rotation3::from_axis_angle(&Vector3::z_axis(), 1.0);
+            let (roll, pitch, yaw) = (Rotation3::new(Vector3::new(0.3, -0.2, 0.5) * secs) * level).euler_angles();
+            Vector3::new(roll, pitch, yaw)
+        };
+        let mut state = State::zero();
+        state.angles.z = 1.0;
+        let model = Linearised::between(&state, &state, &testing::inertia_inverse());
+        let rates = (turn(1e-5) - turn(-1e-5)) / 2e-5;
+        assert!((model.angle_rates(&Vector3::new(0.3, -0.2, 0.5)) - rates).norm() < 1e-9, "{rates}");
+    }
+
+    #[test]
     fn the_transposed_map_is_the_transpose() {
         let model = Linearised::between(&testing::disturbed(3), &testing::disturbed(4), &testing::inertia_inverse());
         let (a, b) = (Vector3::new(0.3, -0.2, 0.9), Vector3::new(-0.5, 0.1, 0.4));

@@ -210,3 +210,16 @@ impl Config {
         check("task.reset.velocity_mps", self.reset.velocity_mps, 0.0..=1.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_discount_counts_time_or_decisions() {
+        let by = |per| Discount { factor: 0.9, per, reference_secs: 0.1 };
+        assert!((by(Per::Reference).of(0.1) - 0.9).abs() < 1e-15);
+        assert!((by(Per::Reference).of(0.2) - 0.81).abs() < 1e-15);
+        assert!([0.1, 0.2].iter().all(|secs| by(Per::Decision).of(*secs) == 0.9));
+    }
+}

@@ -54,6 +54,8 @@ const LONGEST_SECS: f64 = 6.0;
 /// The ground is looked at this often (m), from this far behind the start and ahead of the end.
 const GROUND_EVERY_M: f64 = 0.001;
 const GROUND_AROUND_M: f64 = 2.5;
+/// A robot that was thrown further than this shows no ground below it, m.
+const REACH_M: f64 = 50.0;
 /// Root of their seeds.
 const ROOT: u64 = 1_000_003;
 /// Part of the key: another number than that of the films that lie there makes new ones.
@@ -85,6 +87,7 @@ fn film(env: &mut Env, case: &Case, job: &Job) -> Shown {
     let film = shoot(env, case, job, true);
     let ends = film.frames.iter().map(|frame| frame.centre[0]);
     let (from, to) = ends.fold((0.0_f64, 0.0_f64), |(from, to), x| (from.min(x), to.max(x)));
+    let (from, to) = (from.max(-REACH_M), to.min(REACH_M));
     let (from, count) = (from - GROUND_AROUND_M, ((to - from + 2.0 * GROUND_AROUND_M) / GROUND_EVERY_M).ceil() as u32);
     let xs = (0..=count).map(|i| from + GROUND_EVERY_M * f64::from(i));
     let ground: Vec<(f64, f64)> = xs.map(|x| (x, env.ground().height(x, 0.0))).collect();

@@ -13,11 +13,12 @@ pub(super) enum Place {
 }
 
 /// What rough is.
-const ROUGH: [&str; 4] = [
+const ROUGH: [&str; 5] = [
     "scenario.slope_deg=[0, 10]",
     "scenario.friction_factor=[0.45, 1.15]",
     "scenario.payload_kg=[0, 4]",
     "scenario.push_ns=[0, 10]",
+    "scenario.push_every_secs=[3, 3]",
 ];
 /// The same for people.
 pub(super) const ROUGH_IN_WORDS: &str =

@@ -101,12 +101,12 @@ pub(super) fn search(plan: &Plan, judge: Judge<'_>) -> anyhow::Result<Found> {
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
 
     let mut best = ranked[0];
-    let finalists: Vec<Action> = ranked.iter().take(plan.finalists).map(|(_, action)| *action).collect();
-    if purse.affords(finalists.len() * plan.repeats) {
-        best = best_of(&finalists, &purse.values(&finalists, plan.repeats)?).unwrap_or(best);
-    }
+    // Means over other seeds cannot be told apart: what goes on has been tried as often as what it is held against.
+    let places = (1..=plan.finalists).rev().find(|places| purse.affords(places * plan.repeats)).unwrap_or(0);
+    let finalists: Vec<Action> = ranked.iter().take(places).map(|(_, action)| *action).collect();
+    best = best_of(&finalists, &purse.values(&finalists, plan.repeats)?).unwrap_or(best);
     let mut step = if points > 1 { 1.0 / (points - 1) as f32 } else { 0.5 };
-    while step >= FINEST {
+    while !finalists.is_empty() && step >= FINEST {
         let around: Vec<Action> = neighbours(best.1, step).into_iter().filter(|near| !tried.contains(near)).collect();
         if !purse.affords(around.len() * plan.repeats) {
             break;

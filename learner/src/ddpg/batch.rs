@@ -1,11 +1,11 @@
-//! A minibatch as matrices that live as long as the learner.
+//! A minibatch as matrices; those that networks read live as long as the learner.
 //!
 //! | matrix | what | shape |
 //! |---|---|---|
 //! | `inputs`, `inputs_by_row` | (s, a), and turned over | `[observation + action, n]`, `[n, observation + action]` |
-//! | `observations_by_row` | s, turned over | `[n, observation]` |
+//! | `observations_by_row` | s, turned over; not a part of `inputs_by_row`, whose strip goes on with a | `[n, observation]` |
 //! | `own_inputs` | (s, π(s)) | `[observation + action, n]` |
-//! | `next_inputs` | (s′, π′(s′)) | `[observation + action, n]` |
+//! | `next_inputs`, `next_by_row` | (s′, π′(s′)), and (s′, 0) turned over | `[observation + action, n]`, `[n, observation + action]` |
 //! | `rewards`, `discounts` | r in units that are learned, γ | `[n, 1]` |
 //! | `weights` | of each transition's loss; 1 unless replay is prioritised | `[n, 1]` |
 //!

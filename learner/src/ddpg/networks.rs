@@ -255,7 +255,8 @@ impl Network {
 
     /// As `deltas`, and writes the gradient of every weight and bias into its row; gives the length of them all.
     ///
-    /// `turned` is xᵀ of the forward pass, `room` grows until yᵀ of any layer fits.
+    /// `turned` is xᵀ of the forward pass, with 0 beyond its last column: so is the gradient then, which is summed and
+    /// moved whole. `room` grows until yᵀ of any layer fits.
     pub(super) fn gradients(
         &mut self,
         turned: Matrix<'_>,
@@ -263,6 +264,7 @@ impl Network {
         gradient: &Strips,
         room: &mut Vec<Piece>,
     ) -> f32 {
+        debug_assert!(turned.is_padded_with_zeros(), "the gradient would have numbers beyond its last input");
         self.last_delta(pass, gradient);
         let largest = pass.layers.iter().map(|y| pieces(y.columns(), y.rows())).max().unwrap_or(0);
         if room.len() < largest {

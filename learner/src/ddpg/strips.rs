@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | piece | 32 numbers of a row, side by side: two lines of cache | `[WIDTH]` |
 //! | strip | the pieces of all rows in the same 32 columns, first row first | `[rows, WIDTH]` |
-//! | matrix | strips, leftmost first; beyond the last column stands something that nobody reads | `[rows, columns]` |
+//! | matrix | strips, leftmost first; what is beyond the last column becomes no number of a product | `[rows, columns]` |
 
 #![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
 #![expect(clippy::needless_range_loop, reason = "iterators are not inlined where there is much code around them")]
@@ -38,6 +38,13 @@ pub(super) struct Matrix<'a> {
 }
 
 impl<'a> Matrix<'a> {
+    /// True if what is beyond the last column is 0.
+    pub(super) fn is_padded_with_zeros(&self) -> bool {
+        let used = (self.columns + WIDTH - 1) % WIDTH + 1;
+        let last = self.pieces.iter().rev().take(self.rows);
+        last.flat_map(|piece| &piece.0[used..]).all(|number| *number == 0.0)
+    }
+
     /// A view of these pieces, of which there are as many as the shape asks for.
     pub(super) fn new(numbers: &'a [Piece], rows: usize, columns: usize) -> Self {
         assert_eq!(numbers.len(), pieces(rows, columns), "pieces of a matrix [{rows}, {columns}]");

@@ -1,5 +1,6 @@
 //! `herd train`: a run from nothing to complete, again, and further.
 
+use herd_common::config::Config;
 use herd_tests::{Run, patience::LONG};
 use std::fs;
 
@@ -18,7 +19,10 @@ fn a_run_completes_and_leaves_everything_where_it_belongs() {
     assert!(!run.dir().join("address").exists(), "the address outlives the learner");
     assert_eq!(run.episodes(), (0..10).collect::<Vec<_>>());
     let last = run.metrics().pop().expect("ten lines");
-    assert!(last["updates"].as_u64() > Some(0), "nothing was learned: {last}");
+    let of = |key: &str| last[key].as_u64().expect("a count");
+    let config = Config::load(Some(&run.dir().join("config.toml")), &[]).expect("what was used");
+    assert_eq!(of("updates"), of("transitions") - config.ddpg.warmup_transitions, "one update a transition");
+    assert!(of("updates") > 0, "nothing was learned: {last}");
     assert!(last["critic_loss"].as_f64().is_some_and(f64::is_finite), "no loss: {last}");
 }
 

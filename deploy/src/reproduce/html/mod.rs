@@ -176,7 +176,7 @@ fn method(report: &Report<'_>) -> String {
     let settings = report.settings;
     let seeds = settings.seeds.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     let text = format!(
-        "herd {} (commit {}), seeds {seeds}. Evaluations are {} episodes without noise, of at most {} s each, from starts that no \
+        "Written by herd {} (commit {}), seeds {seeds}. Evaluations are {} episodes without noise, of at most {} s each, from starts that no \
          training and no search has seen; all policies and gaits get the same. Every training is a run of its own \
          (one learner, {} actors) with its configuration beside it. Numbers of every figure and table are in report.json.",
         report.version, report.commit, settings.evaluation_episodes, settings.base.task.episode_secs, settings.actors,
