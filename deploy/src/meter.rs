@@ -42,8 +42,9 @@ impl Meter {
             return bar.set_position(done);
         }
         let Ok(mut told) = self.told.lock() else { return };
-        if told.elapsed() >= PLAIN {
-            *told += told.elapsed();
+        let since = told.elapsed();
+        if since >= PLAIN {
+            *told += since;
             let left = self.start.elapsed().as_secs_f64() * self.total.saturating_sub(done) as f64 / done as f64;
             eprintln!("{}/{} {}  {} to go", count(done), count(self.total), self.name, duration(left));
         }
