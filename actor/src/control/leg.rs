@@ -165,6 +165,7 @@ mod tests {
 
     #[test]
     fn a_standing_foot_that_skids_is_braked_and_one_that_stays_is_left_alone() {
+        const STEP: f64 = 1e-6;
         let model = Model::new(&Config::default().robot);
         let mut state = RobotState {
             position: Vector3::new(1.0, -2.0, 0.17),
@@ -177,7 +178,6 @@ mod tests {
         let leg = Leg::RearLeft;
         let gripping = |state: &RobotState| Body::new(&model, state).grip_torques(leg, &Vector3::zeros(), 20.0);
         // How the touching point of the calf moves, with the trunk and with each joint, by small displacements.
-        const STEP: f64 = 1e-6;
         let touching = state.joints[leg.index()];
         let arm = carried_point(&model, &state, leg, &touching);
         let ridden = |secs: f64| state.velocity * secs + Rotation3::new(state.angular_velocity * secs) * arm;
