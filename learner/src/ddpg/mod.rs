@@ -22,6 +22,7 @@ mod networks;
 mod optimizer;
 mod priorities;
 mod product;
+mod rows;
 mod snapshot;
 mod strips;
 #[cfg(test)]

@@ -106,7 +106,8 @@ impl Adam {
 #[cfg(test)]
 mod tests {
     use super::super::kernels::Activation;
-    use super::super::networks::{Head, Row, tests::random};
+    use super::super::networks::{Head, tests::random};
+    use super::super::rows::Row;
     use super::*;
     use herd_common::seed::Seed;
 

@@ -5,8 +5,9 @@
 //! replay adds two tensors, see `priorities`.
 
 use super::error::Error;
-use super::networks::{Network, Row, Span};
+use super::networks::Network;
 use super::priorities::Priorities;
+use super::rows::{Row, Span};
 use super::update::Ddpg;
 use herd_common::policy::Layer;
 use serde::{Deserialize, Serialize};

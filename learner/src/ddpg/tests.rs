@@ -2,9 +2,10 @@
 
 use super::networks::Network;
 use super::networks::tests::{assert_close, by_column, recorded_forward, tensors, variables};
+use super::rows;
 use super::strips::Strips;
 use super::update::{Ddpg, Update, smoothing};
-use super::{Error, kernels::Activation, losses, networks};
+use super::{Error, kernels::Activation, losses};
 use crate::replay::{Replay, Row};
 use candle_core::Tensor;
 use herd_common::config;
@@ -82,9 +83,7 @@ fn gradients_match_autograd() {
             let loss = losses::critic(&values, &y, ddpg.batch.weights()).unwrap();
             critic_loss += loss.to_scalar::<f32>().unwrap() / ddpg.critics.len() as f32;
             let store = loss.backward().unwrap();
-            for ((span, gradient), var) in
-                critic.spans().iter().zip(tensors(critic, networks::Row::Gradient)).zip(&vars)
-            {
+            for ((span, gradient), var) in critic.spans().iter().zip(tensors(critic, rows::Row::Gradient)).zip(&vars) {
                 assert_close(&span.name, &gradient, store.get(var).unwrap());
             }
         }
@@ -98,7 +97,7 @@ fn gradients_match_autograd() {
         assert!((found.update.actor_loss.unwrap() - loss.to_scalar::<f32>().unwrap()).abs() < 1e-5);
         let store = loss.backward().unwrap();
         for ((span, gradient), var) in
-            ddpg.actor.spans().iter().zip(tensors(&ddpg.actor, networks::Row::Gradient)).zip(&actor)
+            ddpg.actor.spans().iter().zip(tensors(&ddpg.actor, rows::Row::Gradient)).zip(&actor)
         {
             assert_close(&format!("actor.{}", span.name), &gradient, store.get(var).unwrap());
         }
@@ -109,7 +108,7 @@ fn gradients_match_autograd() {
 fn targets_take_the_lower_critic_at_a_clipped_action() {
     let replay = random_replay(64, DIMS);
     let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
-    let forward = |network: &Network, x: &Strips| network.answer(networks::Row::Target, x);
+    let forward = |network: &Network, x: &Strips| network.answer(rows::Row::Target, x);
 
     let sets = [
         "ddpg.twin_critic=true",

@@ -11,8 +11,8 @@ mod upload;
 
 use super::error::Error;
 use super::losses;
-use super::networks::Row;
 use super::priorities::{Draw, Priorities};
+use super::rows::Row;
 use super::snapshot::{self, Counters, Snapshot};
 use super::update::{self, Ddpg, Update};
 use crate::replay::Replay;

@@ -5,8 +5,9 @@
 //! finite.
 
 use super::super::kernels::Activation;
-use super::super::networks::{self, Row, Span};
+use super::super::networks;
 use super::super::optimizer::{BETA_1, BETA_2, EPSILON};
+use super::super::rows::{Row, Span};
 use super::super::snapshot::Stored;
 use candle_core::{Device, Result, Tensor};
 
