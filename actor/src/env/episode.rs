@@ -4,20 +4,22 @@
 //! an episode is cut at the time limit, which truncates: the value goes on. Every reset builds a fresh world, so an
 //! episode is a function of configuration, seed and actions, whatever was run before.
 
-use super::command::{Commands, Follower, Following, seen_from};
+mod figures;
+
+use super::command::{Commands, Follower, seen_from};
 use super::observation::{Observation, Sense, observe};
 use super::reward::Payer;
 use super::scenario::{Push, Scenario};
 use super::sensor::Sensor;
-use super::summary::{Figures, Summary};
+use super::summary::Summary;
 use super::{ending, settle};
-use crate::control::{Body, Controller, Latency, Timer, Watcher};
+use crate::control::{Body, Controller, Timer, Watcher};
 use crate::gait::Pair;
-use crate::robot::{GRAVITY, Model};
-use crate::sim::{self, Contacts, Ground, Plant, RobotState, Spawn};
+use crate::robot::Model;
+use crate::sim::{self, Contacts, Plant, RobotState, Spawn};
 use herd_common::config::Config;
 use herd_common::config::command::Command;
-use herd_common::episode::{Ending, Outcome, Reward};
+use herd_common::episode::{Ending, Reward};
 use herd_common::seed::Seed;
 use herd_common::spaces::Task;
 use nalgebra::{Vector3, Vector4};
@@ -193,63 +195,6 @@ impl Env {
         }
     }
 
-    /// The episode so far; one that is not over counts as timed out.
-    pub fn outcome(&self) -> Outcome {
-        let seconds = self.ticks as f64 * self.config.sim.tick_secs;
-        let ending = self.ending.unwrap_or(Ending::TimedOut);
-        self.summary.outcome(ending, seconds, self.controller.counts())
-    }
-
-    /// How well the robot walked so far, if it was asked for `wanted` m/s.
-    pub fn figures(&self, wanted: f64) -> Figures {
-        self.summary.figures(wanted, (self.model.mass() + self.scenario.site.payload_kg) * GRAVITY)
-    }
-
-    /// How well the robot followed its commands so far, in the command task.
-    pub fn following(&self) -> Option<Following> {
-        self.follower.following()
-    }
-
-    /// How long the MPC's solver took, over all episodes; empty without a timer.
-    pub fn qp_latency(&self) -> &Latency {
-        self.controller.latency()
-    }
-
-    /// The ground of this episode.
-    pub fn ground(&self) -> &Ground {
-        &self.scenario.site.ground
-    }
-
-    /// The robot's true state, for reports and recordings.
-    pub fn state(&self) -> &RobotState {
-        &self.state
-    }
-
-    /// Ground contact over the last tick.
-    pub fn contacts(&self) -> &Contacts {
-        &self.contacts
-    }
-
-    /// Joint torques of the last tick, N·m.
-    pub fn torques(&self) -> &[Vector3<f64>; 4] {
-        &self.torques
-    }
-
-    /// The robot's body.
-    pub fn model(&self) -> &Model {
-        &self.model
-    }
-
-    /// Length of a tick, s.
-    pub fn tick_secs(&self) -> f64 {
-        self.config.sim.tick_secs
-    }
-
-    /// The reward of the episode so far.
-    pub fn reward(&self) -> Reward {
-        self.summary.reward()
-    }
-
     /// The terms of eq 10 at this moment.
     fn reward_now(&self) -> Reward {
         match &self.command {
@@ -383,6 +328,7 @@ fn checked(action: &[f32], task: Task) -> &[f32] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use herd_common::spaces;
     use std::sync::{Arc, Mutex};
 
     fn env(sets: &[&str]) -> Env {
@@ -432,6 +378,22 @@ mod tests {
         assert_eq!((outcome.decisions, outcome.seconds), (7, 1.0));
         assert!((outcome.reward.survival - 30.0).abs() < 1e-9);
         assert_eq!(outcome.first_invalid(), None);
+    }
+
+    #[test]
+    fn heights_are_those_over_the_ground_that_the_feet_feel() {
+        let mut env = env(&["task.kind=constant", "scenario.bump_m=[0.02, 0.02]"]);
+        env.reset(Seed::from_number(1));
+        let steps: Vec<Step> = (0..10).map(|_| env.step(&[])).collect();
+        let place = env.state().position.xy();
+        let over = |ground: f64| (env.state().position.z - ground - env.model().standing_height()) as f32;
+        let shown = steps[9].observation[spaces::POSITION_Z.start] * spaces::POSITION_Z.scale;
+        let felt = env.controller.ground_below(&place).expect("it has walked");
+        assert!((shown - over(felt)).abs() < 1e-6, "{shown}, expected {}", over(felt));
+        assert!(
+            (shown - over(env.ground().height(place.x, place.y))).abs() > 1e-4,
+            "bumps that no foot stands on show"
+        );
     }
 
     #[test]
