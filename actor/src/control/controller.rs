@@ -324,3 +324,98 @@ impl Controller {
 fn first_schedule(tick_secs: f64) -> Schedule {
     Schedule::new(Pair::FrontRightRearLeft, tick_secs, tick_secs)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::RobotState;
+    use nalgebra::UnitQuaternion;
+    use std::sync::{Arc, Mutex};
+
+    fn standing(model: &Model, velocity: Vector3<f64>) -> RobotState {
+        RobotState {
+            position: Vector3::new(0.0, 0.0, model.standing_height()),
+            rotation: UnitQuaternion::identity(),
+            velocity,
+            angular_velocity: Vector3::zeros(),
+            joints: Leg::ALL.map(|leg| model.nominal(leg)),
+            joint_speeds: [Vector3::zeros(); 4],
+        }
+    }
+
+    fn controller() -> (Controller, Model) {
+        let config = Config::default();
+        let model = Model::new(&config.robot);
+        (Controller::new(&config, &model), model)
+    }
+
+    const GAIT: task::Constant = task::Constant { velocity_mps: 2.0, stride_m: 0.4, lift_m: 0.03, step_secs: 0.2 };
+
+    #[test]
+    fn a_step_that_is_cut_keeps_a_stride_that_fits_the_speed() {
+        let (mut controller, model) = controller();
+        let state = standing(&model, Vector3::new(2.0, 0.0, 0.0));
+        controller.begin(&GAIT, &Body::new(&model, &state));
+        let longest = controller.config.gait.stride_max_m;
+        assert!((controller.schedule.duration_secs() - longest / 2.0).abs() <= controller.tick_secs);
+        assert!((controller.gait.stride_m - longest).abs() < 1e-9, "S = v Δt before and after: {:?}", controller.gait);
+    }
+
+    #[test]
+    fn the_speed_aimed_at_waits_for_a_robot_that_cannot_follow() {
+        let (mut controller, model) = controller();
+        let (slow, fast) = (standing(&model, Vector3::zeros()), standing(&model, Vector3::x()));
+        let lead = controller.config.gait.pace_lead_mps;
+        for (state, expected) in [(&slow, lead), (&fast, 1.0 + lead)] {
+            controller.begin(&GAIT, &Body::new(&model, state));
+            (0..300).for_each(|_| _ = controller.torques(&Body::new(&model, state), &Contacts::default()));
+            assert!((controller.pace - expected).abs() < 1e-9, "{} m/s, expected {expected}", controller.pace);
+        }
+        // And in braking.
+        controller.begin(&task::Constant { velocity_mps: -1.0, ..GAIT }, &Body::new(&model, &fast));
+        (0..300).for_each(|_| _ = controller.torques(&Body::new(&model, &fast), &Contacts::default()));
+        assert!((controller.pace - (1.0 - lead)).abs() < 1e-9, "{} m/s", controller.pace);
+    }
+
+    #[test]
+    fn a_standing_foot_is_held_and_one_that_touches_nothing_is_pushed_down() {
+        let (mut gripping, model) = controller();
+        let (mut loose, _) = controller();
+        loose.config.swing.grip_nspm = 0.0;
+        let state = standing(&model, Vector3::x());
+        let body = Body::new(&model, &state);
+        let mut contacts = Contacts { normal: [30.0; 4], ..Contacts::default() };
+        contacts.normal[Leg::FrontRight.index()] = 0.0;
+        for controller in [&mut gripping, &mut loose] {
+            controller.begin(&GAIT, &body);
+        }
+        let (held, free) = (gripping.torques(&body, &contacts), loose.torques(&body, &contacts));
+        let swing = &gripping.config.swing;
+        for (leg, down) in [(Leg::RearLeft, 0.0), (Leg::FrontRight, swing.reach_down_mps)] {
+            let expected = body.grip_torques(leg, &(Vector3::z() * -down), swing.grip_nspm);
+            let found = held[leg.index()] - free[leg.index()];
+            assert!((found - expected).norm() < 1e-9 && expected.norm() > 0.1, "{leg:?}: {found}, expected {expected}");
+        }
+    }
+
+    #[test]
+    fn a_late_leg_bears_nothing_now_but_soon() {
+        let (mut controller, model) = controller();
+        let state = standing(&model, Vector3::zeros());
+        let body = Body::new(&model, &state);
+        let bears = Arc::new(Mutex::new(Vec::new()));
+        let seen = Arc::clone(&bears);
+        controller.set_watcher(Box::new(move |_, horizon| {
+            let at = |step: usize| horizon[step].feet.map(|foot| foot.is_some());
+            seen.lock().expect("nobody panics").push((at(0), at(1)));
+        }));
+        // Nothing is touched in the whole swing of FL + RR, which are late when the other pair sets off.
+        let ticks = controller.begin(&GAIT, &body);
+        (0..ticks).for_each(|_| _ = controller.torques(&body, &Contacts::default()));
+        controller.begin(&GAIT, &body);
+        controller.torques(&body, &Contacts::default());
+        let last = bears.lock().expect("nobody panics").pop().expect("it was asked");
+        assert_eq!(last, ([false; 4], [true, false, false, true]));
+        assert_eq!(controller.counts().late_contacts, 2);
+    }
+}
