@@ -33,6 +33,8 @@ pub struct Config {
     pub actor_rate: f64,
     /// Adam's step for the critic.
     pub critic_rate: f64,
+    /// Decoupled weight decay of the critics, as AdamW has it: each step takes `critic_rate` · this of every weight.
+    pub critic_decay: f64,
     /// Polyak factor γ of eqs 8–9.
     pub target_rate: f64,
     /// Largest global gradient norm; 0 turns clipping off.
@@ -71,6 +73,7 @@ impl Config {
         check("ddpg.updates_per_transition", self.updates_per_transition, 0.0..=1000.0)?;
         check("ddpg.actor_rate", self.actor_rate, 0.0..=1.0)?;
         check("ddpg.critic_rate", self.critic_rate, 0.0..=1.0)?;
+        check("ddpg.critic_decay", self.critic_decay, 0.0..=10.0)?;
         check("ddpg.target_rate", self.target_rate, 1e-9..=1.0)?;
         check("ddpg.gradient_clip", self.gradient_clip, 0.0..=1e9)?;
         check("ddpg.reward_scale", self.reward_scale, 1e-9..=1e9)?;

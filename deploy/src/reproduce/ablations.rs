@@ -16,7 +16,7 @@ pub(super) struct Ablation {
     pub(super) sets: Vec<String>,
 }
 
-const TABLE: [(&str, &str, &[&str]); 9] = [
+const TABLE: [(&str, &str, &[&str]); 10] = [
     (
         "plain-ddpg",
         "plain DDPG: one critic, no smoothing, no delay",
@@ -25,6 +25,7 @@ const TABLE: [(&str, &str, &[&str]); 9] = [
     ("one-critic", "one critic", &["ddpg.twin_critic=false"]),
     ("no-smoothing", "no noise on the target's action", &["ddpg.smoothing_sigma=0"]),
     ("closed-box", "plain tanh at the ends of the action box", &["ddpg.open_box=false"]),
+    ("free-critic", "critics without weight decay", &["ddpg.critic_decay=0"]),
     ("three-steps", "returns of three decisions", &["ddpg.n_step=3"]),
     ("prioritised", "prioritised replay", &["ddpg.priority_alpha=0.6"]),
     ("no-mirror", "no mirroring of the observation", &["task.gait.mirror=false"]),
@@ -74,7 +75,7 @@ mod tests {
         assert_eq!(config, Config::load(None, &paper().expect("reads")).expect("valid"));
         let (ddpg, discount) = (&config.ddpg, &config.task.discount);
         assert!(!ddpg.twin_critic && ddpg.smoothing_sigma == 0.0 && ddpg.actor_every == 1);
-        assert!(!ddpg.open_box && ddpg.n_step == 1 && ddpg.priority_alpha == 0.0);
+        assert!(!ddpg.open_box && ddpg.n_step == 1 && ddpg.priority_alpha == 0.0 && ddpg.critic_decay == 0.0);
         assert_eq!((ddpg.hidden.as_slice(), ddpg.target_rate), ([512, 256].as_slice(), 0.001));
         assert_eq!((discount.factor, discount.per), (0.95, Per::Decision));
     }

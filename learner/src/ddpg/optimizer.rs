@@ -5,10 +5,11 @@
 //! | g | gradient, scaled down to the largest norm | – |
 //! | m, v | moments: m ← β₁ m + (1 − β₁) g, v ← β₂ v + (1 − β₂) g² | β₁ = .9, β₂ = .999 |
 //! | t | steps taken, this one included | – |
-//! | θ | θ ← θ − rate · (m / (1 − β₁ᵗ)) / (√(v / (1 − β₂ᵗ)) + ε) | ε = 1e-8 |
+//! | λ | decoupled weight decay | `critic_decay`; the actor's is 0 |
+//! | θ | θ ← (1 − rate · λ) θ − rate · (m / (1 − β₁ᵗ)) / (√(v / (1 − β₂ᵗ)) + ε) | ε = 1e-8 |
 //! | θ′ | θ′ ← θ′ + γ (θ − θ′), paper eqs 8–9 | γ = `target_rate` |
 //!
-//! Source: Kingma & Ba 2015, algorithm 1. There is no weight decay.
+//! Sources: Kingma & Ba 2015, algorithm 1; Loshchilov & Hutter 2019, algorithm 2 (decay).
 
 #![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
 
@@ -28,6 +29,8 @@ pub(super) struct Step {
     pub(super) rate: f64,
     /// Steps that this network has taken, this one included.
     pub(super) count: u64,
+    /// λ of decoupled weight decay; 0 for none.
+    pub(super) decay: f64,
     /// Largest global gradient norm; 0 for any.
     pub(super) clip: f64,
     /// γ, if the target copy moves too.
@@ -40,6 +43,7 @@ pub(super) fn apply(network: &mut Network, norm: f32, step: Step) {
     let adam = Adam {
         gradient_scale: if clip > 0.0 && norm > clip { clip / norm } else { 1.0 },
         rate: corrected_rate(step.rate, step.count),
+        keep: kept(step.rate, step.decay) as f32,
         root_scale: root_scale(step.count),
         target_rate: step.target_rate.map(|rate| rate as f32),
     };
@@ -49,6 +53,11 @@ pub(super) fn apply(network: &mut Network, norm: f32, step: Step) {
 /// rate / (1 − β₁ᵗ)
 pub(super) fn corrected_rate(rate: f64, count: u64) -> f32 {
     (rate / (1.0 - power(BETA_1, count))) as f32
+}
+
+/// 1 − rate · λ, the share of a weight that a step leaves
+pub(super) fn kept(rate: f64, decay: f64) -> f64 {
+    1.0 - rate * decay
 }
 
 /// 1 / √(1 − β₂ᵗ)
@@ -64,6 +73,7 @@ fn power(base: f64, exponent: u64) -> f64 {
 struct Adam {
     gradient_scale: f32,
     rate: f32,
+    keep: f32,
     root_scale: f32,
     target_rate: Option<f32>,
 }
@@ -98,7 +108,8 @@ impl Adam {
             let (m, v) = (keep_1 * means.0[i] + take_1 * g, keep_2 * squares.0[i] + take_2 * g * g);
             means.0[i] = if m.abs() < SMALLEST_MOMENT { 0.0 } else { m };
             squares.0[i] = if v < SMALLEST_MOMENT { 0.0 } else { v };
-            weights.0[i] -= self.rate * means.0[i] / (squares.0[i].sqrt() * self.root_scale + EPSILON);
+            let step = self.rate * means.0[i] / (squares.0[i].sqrt() * self.root_scale + EPSILON);
+            weights.0[i] = self.keep * weights.0[i] - step;
         }
     }
 }
@@ -126,8 +137,8 @@ mod tests {
         numbers.into_iter().map(f64::from).collect()
     }
 
-    /// Ten steps against the textbook in f64, with or without clipping and a target that follows.
-    fn check(clip: f64, target_rate: Option<f64>) {
+    /// Ten steps against the textbook in f64, with or without decay, clipping and a target that follows.
+    fn check(decay: f64, clip: f64, target_rate: Option<f64>) {
         let mut network = network();
         let mut theta: Vec<f64> = row(&network, Row::Online).into_iter().map(f64::from).collect();
         let mut target = theta.clone();
@@ -136,13 +147,13 @@ mod tests {
             let g = set_gradient(&mut network, 1.0, 100 + t);
             let length = g.iter().map(|g| g * g).sum::<f64>().sqrt();
             let scale = if clip > 0.0 && length > clip { clip / length } else { 1.0 };
-            apply(&mut network, length as f32, Step { rate: 0.01, count: t, clip, target_rate });
+            apply(&mut network, length as f32, Step { rate: 0.01, count: t, decay, clip, target_rate });
             for i in 0..theta.len() {
                 let g = g[i] * scale;
                 m[i] = 0.9 * m[i] + 0.1 * g;
                 v[i] = 0.999 * v[i] + 0.001 * g * g;
                 let (m, v) = (m[i] / (1.0 - 0.9_f64.powi(t as i32)), v[i] / (1.0 - 0.999_f64.powi(t as i32)));
-                theta[i] -= 0.01 * m / (v.sqrt() + 1e-8);
+                theta[i] -= 0.01 * (m / (v.sqrt() + 1e-8) + decay * theta[i]);
                 target[i] += target_rate.unwrap_or(0.0) * (theta[i] - target[i]);
             }
         }
@@ -155,9 +166,10 @@ mod tests {
 
     #[test]
     fn steps_match_the_textbook() {
-        check(0.0, None);
-        check(0.0, Some(0.25));
-        check(1.5, Some(0.005));
+        check(0.0, 0.0, None);
+        check(0.0, 0.0, Some(0.25));
+        check(0.0, 1.5, Some(0.005));
+        check(2.0, 1.5, Some(0.005));
     }
 
     #[test]
@@ -165,7 +177,8 @@ mod tests {
         let mut network = network();
         for (count, size) in std::iter::once(1.0).chain(std::iter::repeat_n(0.0, 900)).enumerate() {
             set_gradient(&mut network, size, 1);
-            apply(&mut network, 1.0, Step { rate: 0.01, count: count as u64 + 1, clip: 0.0, target_rate: None });
+            let count = count as u64 + 1;
+            apply(&mut network, 1.0, Step { rate: 0.01, count, decay: 0.0, clip: 0.0, target_rate: None });
         }
         assert!(row(&network, Row::Mean).iter().all(|m| *m == 0.0));
         assert!(row(&network, Row::Square).iter().all(|v| *v == 0.0 || v.is_normal()));

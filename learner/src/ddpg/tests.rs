@@ -66,6 +66,28 @@ fn fill<'a>(ddpg: &mut Ddpg, replay: &'a Replay) -> Vec<Row<'a>> {
 }
 
 #[test]
+fn decay_takes_its_share_of_the_critics_and_nothing_of_the_actor() {
+    let replay = random_replay(300, DIMS);
+    let (rate, decay) = (0.01, 5.0);
+    let [mut free, mut drawn] = [0.0, decay].map(|decay| {
+        learner(&[PLAIN.as_slice(), &["ddpg.critic_rate=0.01", &format!("ddpg.critic_decay={decay}")]].concat())
+    });
+    let start = free.save().unwrap().records;
+    [&mut free, &mut drawn].map(|learner| run(learner, &replay, 1));
+    let (free, drawn) = (free.save().unwrap().records, drawn.save().unwrap().records);
+    for ((start, free), drawn) in start.iter().zip(&free).zip(&drawn) {
+        let share = if drawn.name.starts_with("critic0.online") { (rate * decay) as f32 } else { 0.0 };
+        let follows = if drawn.name.starts_with("critic0.target") { 0.005 * (rate * decay) as f32 } else { share };
+        for ((start, free), drawn) in start.values.iter().zip(&free.values).zip(&drawn.values) {
+            let expected = free - follows * start;
+            assert!((drawn - expected).abs() <= 1e-6, "{start} became {drawn}, expected {expected}");
+        }
+        let moved = start.values.iter().any(|x| x.abs() > 1e-3) && follows > 1e-3;
+        assert_eq!(moved, share > 0.0, "{} has weights to take of", drawn.name);
+    }
+}
+
+#[test]
 fn gradients_match_autograd() {
     for sets in [PLAIN, TD3] {
         let mut ddpg = learner(&sets);
@@ -314,6 +336,7 @@ pub(super) fn point_mass_config(sets: &[&str]) -> config::ddpg::Config {
         "ddpg.hidden=[64, 64]",
         "ddpg.batch_size=64",
         "ddpg.actor_rate=1e-3",
+        "ddpg.critic_rate=1e-3",
         "ddpg.reward_scale=1.0",
     ];
     config(&[sets, &learning].concat())

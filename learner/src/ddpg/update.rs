@@ -251,6 +251,7 @@ impl Ddpg {
         let step = Step {
             rate: self.config.critic_rate,
             count: self.counters.critic_steps,
+            decay: self.config.critic_decay,
             clip: self.config.gradient_clip,
             target_rate: found.actor.is_some().then_some(self.config.target_rate),
         };
@@ -259,7 +260,7 @@ impl Ddpg {
         }
         if let Some(norm) = found.actor {
             self.counters.actor_steps += 1;
-            let step = Step { rate: self.config.actor_rate, count: self.counters.actor_steps, ..step };
+            let step = Step { rate: self.config.actor_rate, decay: 0.0, count: self.counters.actor_steps, ..step };
             apply(&mut self.actor, norm, step);
         }
     }

@@ -11,6 +11,7 @@ mod upload;
 
 use super::error::Error;
 use super::losses;
+use super::optimizer::kept;
 use super::priorities::{Draw, Priorities};
 use super::rows::Row;
 use super::snapshot::{self, Counters, Snapshot};
@@ -172,17 +173,17 @@ impl OnDevice {
         let found = self.findings(minibatch, moves_actor)?;
         let ok = self.is_finite(&found)?;
         let target_rate = moves_actor.then_some(self.config.target_rate);
-        let step = |schedule: &Schedule| {
+        let step = |schedule: &Schedule, keep: f64| {
             let (rate, root_scale) = schedule.next()?;
-            Ok::<_, candle_core::Error>(Step { rate, root_scale, clip: self.config.gradient_clip, target_rate })
+            Ok::<_, candle_core::Error>(Step { rate, root_scale, keep, clip: self.config.gradient_clip, target_rate })
         };
-        let critic_step = step(critics)?;
+        let critic_step = step(critics, kept(self.config.critic_rate, self.config.critic_decay))?;
         for (critic, (gradient, norm)) in self.critics.iter_mut().zip(&found.critics) {
             critic.step(gradient, norm, &critic_step, &ok)?;
         }
         critics.count(&ok)?;
         if let Some((gradient, norm)) = &found.actor {
-            self.actor.step(gradient, norm, &step(actor)?, &ok)?;
+            self.actor.step(gradient, norm, &step(actor, 1.0)?, &ok)?;
             actor.count(&ok)?;
         }
         let actor_loss = found.actor_loss.unwrap_or_else(|| self.constants[1].clone());

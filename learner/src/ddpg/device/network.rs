@@ -38,6 +38,8 @@ pub(super) struct Step {
     pub(super) rate: Tensor,
     /// The same for the root of the squares.
     pub(super) root_scale: Tensor,
+    /// Share of a weight that the step leaves; 1 without decay.
+    pub(super) keep: f64,
     /// Largest global gradient norm; 0 for any.
     pub(super) clip: f64,
     /// γ, if the target copy moves too.
@@ -118,7 +120,7 @@ impl Network {
         let mean = (mean.affine(BETA_1, 0.0)? + gradient.affine(1.0 - BETA_1, 0.0)?)?;
         let square = (square.affine(BETA_2, 0.0)? + gradient.sqr()?.affine(1.0 - BETA_2, 0.0)?)?;
         let root = square.sqrt()?.broadcast_mul(&step.root_scale)?.affine(1.0, f64::from(EPSILON))?;
-        let weights = (weights - (mean.broadcast_mul(&step.rate)? / root)?)?;
+        let weights = (weights.affine(step.keep, 0.0)? - (mean.broadcast_mul(&step.rate)? / root)?)?;
         let target = match step.target_rate {
             None => target.clone(),
             Some(rate) => (target + (&weights - target)?.affine(rate, 0.0)?)?,
