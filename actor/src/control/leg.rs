@@ -195,6 +195,51 @@ mod tests {
         assert!(gripping(&state).norm() < 1e-6);
     }
 
+    /// x, ẋ and ẍ at t = 0 of a path, by differences.
+    fn at_once(path: impl Fn(f64) -> Vector3<f64>) -> Point {
+        const STEP: f64 = 1e-4;
+        let (before, now, after) = (path(-STEP), path(0.0), path(STEP));
+        let acceleration = (after - 2.0 * now + before) / (STEP * STEP);
+        Point { position: now, velocity: (after - before) / (2.0 * STEP), acceleration }
+    }
+
+    #[test]
+    fn a_foot_on_its_path_is_given_what_the_masses_of_its_leg_ask_for() {
+        let config = Config::default();
+        let model = Model::new(&config.robot);
+        let speeds = Vector3::new(1.5, -4.0, 6.0);
+        let accelerations = Vector3::new(-20.0, 70.0, -50.0);
+        for leg in Leg::ALL {
+            let mut state = RobotState {
+                position: Vector3::new(1.0, -2.0, 0.17),
+                rotation: UnitQuaternion::from_euler_angles(0.2, -0.2, 1.0),
+                velocity: Vector3::zeros(),
+                angular_velocity: Vector3::zeros(),
+                joints: Leg::ALL.map(|leg| model.nominal(leg)),
+                joint_speeds: [Vector3::zeros(); 4],
+            };
+            let joints = state.joints[leg.index()];
+            state.joint_speeds[leg.index()] = speeds;
+            let moving = |t: f64| joints + speeds * t + accelerations * (t * t / 2.0);
+            let world = |point, q: &Vector3<f64>| {
+                state.position + state.rotation * model.geometry.posture(leg, q).position(point)
+            };
+            // d'Alembert: τ = Σ m (p̈ + g)ᵀ ∂p/∂q over the links, and the rotors; nothing of it takes a Jacobian of ours.
+            let mut expected = accelerations * model.joint_armature + speeds * model.joint_damping;
+            for link in &model.links {
+                let push =
+                    (at_once(|t| world(link.centre, &moving(t))).acceleration + Vector3::z() * GRAVITY) * link.mass;
+                for joint in 0..3 {
+                    let along = at_once(|t| world(link.centre, &(joints + Vector3::ith(joint, t)))).velocity;
+                    expected[joint] += push.dot(&along);
+                }
+            }
+            let path = at_once(|t| world(model.geometry.foot(), &moving(t)));
+            let found = Body::new(&model, &state).swing_torques(leg, &path, &config.control.swing);
+            assert!((found - expected).amax() < 1e-4 * expected.amax(), "{leg:?}: {found}, expected {expected}");
+        }
+    }
+
     #[test]
     fn swing_torques_stay_bounded_as_the_knee_straightens() {
         let config = Config::default();
