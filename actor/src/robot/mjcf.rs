@@ -1,9 +1,13 @@
 //! The robot and its ground as MJCF, MuJoCo's model format, with the numbers of our own simulation.
 //!
 //! Frames, masses, inertias, joints and contact groups are those of `sim::build`. Steps of 0.1 ms with RK4 make MuJoCo
-//! the finer of the two. Contact is the same spring and damper, `m ω²` and `2 ζ m ω` for the mass m that a contact
-//! feels. MuJoCo's contact obeys `(1 − d)/d · f/m + a = −b v − k r` with an impedance d, so `k = ω² (1 − d)/d` and
-//! `b = 2 ζ ω (1 − d)/d` give that spring and damper, whatever d is; d adds mass to what is slowed down.
+//! the finer of the two.
+//!
+//! Contact is nearly rigid, as rapier's is: rapier's feet sink in by a spring of `m ω²` (m is the mass that the contact
+//! feels), but that moves them only; a second pass gives them the velocities of rigid contact. MuJoCo's contact obeys
+//! `(1 − d)/d · f/m + a = −b v − k r` with an impedance d. With `k = ω² (1 − d)/d` feet come to rest as deep as rapier's.
+//! With d near one they take a second to, so that the spring gives next to no velocity, and b stops a foot as fast as the
+//! steps resolve. Rapier's damping ratio only says how fast its feet sink and has no part here.
 
 use super::model::KNEE_RADIUS;
 use super::{GRAVITY, Leg, Model};
@@ -14,11 +18,10 @@ use std::fmt::Write as _;
 
 /// Step of the integrator, s.
 const TIMESTEP: f64 = 1e-4;
-/// Impedance d of a contact: the smaller, the nearer to spring and damper alone, but the faster a foot is slowed down. With
-/// this one in 0.7 ms by default (1 / (d b)), which steps of `TIMESTEP` resolve; with 0.5 they do not.
-const IMPEDANCE: f64 = 0.9;
-/// How much harder friction is than the normal direction: rapier's does not creep.
-const FRICTION_HARDNESS: f64 = 10.0;
+/// Impedance d of a contact: the nearer to one, the less a foot moves under load.
+const IMPEDANCE: f64 = 0.99;
+/// Time in which a landing foot stops, 1 / b, s: two steps, which RK4 resolves. Rapier's stops within one of its own.
+const STOP_SECS: f64 = 2.0 * TIMESTEP;
 /// Names of the legs, in their order.
 const LEGS: [&str; 4] = ["fl", "fr", "rl", "rr"];
 /// Names of a leg's links, and of the joints that carry them, with the joints' axes.
@@ -27,10 +30,8 @@ const LINKS: [(&str, &str); 3] = [("hip", "1 0 0"), ("thigh", "0 1 0"), ("calf",
 /// The model on level ground, in the nominal stance as keyframe `nominal`; joints and motors in the order of `Leg::ALL`,
 /// each hip roll, hip pitch, knee.
 pub fn mjcf(model: &Model, config: &sim::Config) -> String {
-    let omega = TAU * config.contact_hz;
     // MuJoCo divides what it is given by d.
-    let (stiffness, damping) =
-        (omega.powi(2) * (1.0 - IMPEDANCE), 2.0 * config.contact_damping_ratio * omega * (1.0 - IMPEDANCE));
+    let (stiffness, damping) = ((TAU * config.contact_hz).powi(2) * (1.0 - IMPEDANCE), IMPEDANCE / STOP_SECS);
     let (friction, torque) = (config.ground_friction, model.torque_max);
     let legs: String = Leg::ALL.iter().map(|leg| leg_body(model, *leg)).collect();
     let motors: String = names().fold(String::new(), |mut motors, name| {
@@ -42,7 +43,7 @@ pub fn mjcf(model: &Model, config: &sim::Config) -> String {
     format!(
         r#"<mujoco model="herd">
   <compiler angle="radian" autolimits="true" inertiafromgeom="false"/>
-  <option timestep="{TIMESTEP}" integrator="RK4" gravity="0 0 {down}" cone="elliptic" impratio="{FRICTION_HARDNESS}"/>
+  <option timestep="{TIMESTEP}" integrator="RK4" gravity="0 0 {down}" cone="elliptic"/>
   <default>
     <geom contype="2" conaffinity="1" condim="3" friction="{friction} 0 0" mass="0"
           solref="{} {}" solimp="{IMPEDANCE} {IMPEDANCE} 0.001 0.5 2"/>
@@ -223,6 +224,21 @@ mod tests {
         let stance = list(all(&document, "key")[0], "qpos");
         assert_eq!(stance.len(), 19);
         assert_eq!((stance[2], stance[8]), (model.standing_height(), model.nominal(Leg::FrontLeft)[1]));
+    }
+
+    #[test]
+    fn a_foot_sinks_as_far_as_rapiers_and_stops_as_fast_as_the_steps_resolve() {
+        let config = Config::load(None, &["sim.contact_hz=60".to_owned()]).expect("valid");
+        let text = mjcf(&Model::new(&config.robot), &config.sim);
+        let document = Document::parse(&text).expect("well-formed");
+        let geom = document.descendants().find(|node| node.has_attribute("solref")).expect("the default");
+        let (law, impedance) = (list(geom, "solref"), list(geom, "solimp")[0]);
+        // At rest and for m = 1, (1 − d)/d f = −k r, where k and b are what MuJoCo makes of the text.
+        let (k, b) = (-law[0] / impedance, -law[1] / impedance);
+        let force_per_depth = k * impedance / (1.0 - impedance);
+        assert!((force_per_depth / (TAU * 60.0).powi(2) - 1.0).abs() < 1e-9, "{force_per_depth}");
+        let step = list(all(&document, "option")[0], "timestep")[0];
+        assert!((1.0 / b / step - 2.0).abs() < 1e-9, "{b}");
     }
 
     #[test]
