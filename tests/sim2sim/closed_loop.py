@@ -38,7 +38,7 @@ def figures(ticks, outcome, weight, tick_secs):
 
 def in_herd(words):
     """The episode in herd's own simulator."""
-    trace = herd.Trace(herd.call("export", "trace", *words))
+    trace = herd.Trace.read(herd.call("export", "trace", *words))
     ticks = [(tick["torques"], tick["after"]) for tick in trace.ticks]
     return figures(ticks, trace.outcome, trace.header["weight_n"], trace.header["tick_secs"]), trace.header
 

@@ -1,7 +1,5 @@
 """Torques of a trot replayed without feedback: herd's recording against MuJoCo, and what sets them apart."""
 
-import copy
-import json
 import re
 
 import herd
@@ -14,7 +12,10 @@ TICKS = 250  # half a second
 LIMIT = 0.05  # rad
 FIRST_SWING = 7  # the trot is steady from here on
 SWINGS = 10
-FINE = herd.sets(sim__tick_secs=0.0001)
+FINE_SECS = 0.0001
+FINE = herd.sets(sim__tick_secs=FINE_SECS)
+# How fast the damper of rapier's numbers (120 Hz, damping ratio 10) stops a foot at an impedance of 0.9.
+DAMPER_STOP_SECS = 0.9 / (0.1 * 2 * 10.0 * 2 * np.pi * 120.0)
 # How herd's physics is stepped while it records; the controller acts every 2 ms in both.
 RECORDINGS = {"1 step of 2 ms": [], "20 steps of 0.1 ms": herd.sets(sim__substeps=20)}
 
@@ -29,15 +30,14 @@ def starts():
 def recording(*words):
     """A trace of the default constant gait."""
     secs = (FIRST_SWING + SWINGS) * SWING_TICKS * TICK_SECS + TICKS * TICK_SECS
-    return herd.Trace(
-        herd.call("export", "trace", "--task", "constant", *herd.sets(task__episode_secs=secs), *words)
-    )
+    words = ["--task", "constant", *herd.sets(task__episode_secs=secs), *words]
+    return herd.Trace.read(herd.call("export", "trace", *words))
 
 
 def in_mujoco(xml, trace, first, ticks=TICKS, nudge=None):
     """Snapshots of MuJoCo under the trace's torques from tick `first` on; `nudge` changes the plant before."""
     plant = Plant(xml, trace.header["tick_secs"])
-    plant.set(trace.state(first))
+    plant.set(trace.at_once.state(first))
     if nudge:
         nudge(plant)
     snapshots = []
@@ -49,12 +49,13 @@ def in_mujoco(xml, trace, first, ticks=TICKS, nudge=None):
 
 def recorded(trace, first=0, ticks=TICKS):
     """Snapshots of the trace itself."""
-    return [tick["after"] for tick in trace.ticks[first : first + ticks]]
+    return [tick["after"] for tick in trace.at_once.ticks[first : first + ticks]]
 
 
-def in_herd(trace, first, *words):
-    """Snapshots of herd's own simulator under the same torques without feedback."""
-    return recorded(trace.replayed(first * TICK_SECS, TICKS * TICK_SECS, *words))
+def in_fine_herd(trace, first, ticks=TICKS):
+    """Snapshots of herd's own simulator at 0.1 ms under the same torques without feedback."""
+    start = trace.moved_back((trace.step_secs - FINE_SECS) / 2)
+    return recorded(start.replayed(first * TICK_SECS, ticks * TICK_SECS, *FINE))
 
 
 def errors(a, b):
@@ -86,7 +87,7 @@ def summary(rows):
 
 def work(trace, first, snapshots):
     """Work of the motors over a run, J: the torques are the trace's, the speeds the run's."""
-    before = [trace.state(first), *snapshots[:-1]]
+    before = [trace.at_once.state(first), *snapshots[:-1]]
     speeds = [(np.array(a["joint_speeds"]) + b["joint_speeds"]) / 2 for a, b in zip(before, snapshots, strict=True)]
     torques = [tick["torques"] for tick in trace.ticks[first : first + len(snapshots)]]
     return float(sum(np.dot(t, s) for t, s in zip(torques, speeds, strict=True)) * TICK_SECS)
@@ -97,10 +98,9 @@ def load(snapshots, weight):
     return float(np.mean([sum(s["normal"]) for s in snapshots[: 2 * SWING_TICKS]]) / weight)
 
 
-def contact(xml, impedance=0.9, hz=120.0, ratio=10.0, **options):
+def contact(xml, impedance=0.99, hz=120.0, stop_secs=0.0002, **options):
     """The model with another contact law, or other options."""
-    omega = 2 * np.pi * hz
-    stiffness, damping = omega**2 * (1 - impedance), 2 * ratio * omega * (1 - impedance)
+    stiffness, damping = (2 * np.pi * hz) ** 2 * (1 - impedance), impedance / stop_secs
     xml = re.sub(r'solref="[^"]*"', f'solref="{-stiffness} {-damping}"', xml)
     xml = re.sub(r'solimp="[^"]*"', f'solimp="{impedance} {impedance} 0.001 0.5 2"', xml)
     for name, value in options.items():
@@ -113,37 +113,35 @@ def variants(xml):
     return {
         "as exported": xml,
         "steps of 0.05 ms": contact(xml, timestep=5e-5),
-        "friction 1.5": contact(xml, friction="1.5 0 0"),
-        "impratio 1": contact(xml, impratio=1),
-        "impedance 0.5": contact(xml, impedance=0.5),
+        "steps of 0.05 ms, stopped in 0.1 ms": contact(xml, stop_secs=1e-4, timestep=5e-5),
+        "stopped in 0.4 ms": contact(xml, stop_secs=4e-4),
+        "stopped in 0.7 ms": contact(xml, stop_secs=7e-4),
+        "impedance 0.9": contact(xml, impedance=0.9),
         "impedance 0.97": contact(xml, impedance=0.97),
-        "contact of 60 Hz": contact(xml, hz=60.0),
-        "contact of 240 Hz": contact(xml, hz=240.0),
-        "damping ratio 1": contact(xml, ratio=1.0),
+        "impedance 0.999": contact(xml, impedance=0.999),
+        "spring of 60 Hz": contact(xml, hz=60.0),
+        "spring of 240 Hz": contact(xml, hz=240.0),
+        "friction 1.5": contact(xml, friction="1.5 0 0"),
+        "spring and damper of rapier's numbers": contact(xml, impedance=0.9, stop_secs=DAMPER_STOP_SECS),
         "MuJoCo's default contact": re.sub(r'\s+solref="[^"]*" solimp="[^"]*"', "", xml),
     }
 
 
-def lifted(trace, first, height=2.0):
-    """The trace cut to what follows a tick, and in the air."""
-    air = copy.copy(trace)
-    state = copy.deepcopy(trace.state(first))
-    state["position"][2] += height
-    air.start, air.ticks = state, trace.ticks[first : first + TICKS]
-    lines = [{"header": trace.header}, {"start": state}, *({"tick": tick} for tick in air.ticks)]
-    air.text = "\n".join(map(json.dumps, lines))
-    return air
-
-
-def in_the_air(xml, trace, secs=0.1):
+def in_the_air(xml, trace, secs=0.1, height=2.0):
     """The same torques two metres up, where no contact decides: only bodies, joints and integrators are compared."""
+
+    def lifted(_, state):
+        x, y, z = state["position"]
+        return state | {"position": [x, y, z + height]}
+
+    air = trace.changed(lifted)
     rows = {"MuJoCo and herd, steps of 0.1 ms": [], "herd, steps of 2 and of 0.1 ms": []}
     ticks = round(secs / TICK_SECS)
     for _, first in starts():
-        air = lifted(trace, first)
-        there, fine = in_mujoco(xml, air, 0, ticks), recorded(air.replayed(0, secs, *FINE))
+        there, fine = in_mujoco(xml, air, first, ticks), in_fine_herd(air, first, ticks)
+        coarse = recorded(air.replayed(first * TICK_SECS, secs))
         rows["MuJoCo and herd, steps of 0.1 ms"].append(figures(there, fine))
-        rows["herd, steps of 2 and of 0.1 ms"].append(figures(recorded(air.replayed(0, secs)), fine))
+        rows["herd, steps of 2 and of 0.1 ms"].append(figures(coarse, fine))
     return {"secs": secs} | {name: summary(of) for name, of in rows.items()}
 
 
@@ -164,12 +162,24 @@ def growth(xml, trace):
     return found
 
 
+def over_a_stride(xml, trace, every=5):
+    """Largest joint difference, rad, from every so many ticks of one stride on."""
+    ticks = range(FIRST_SWING * SWING_TICKS, (FIRST_SWING + 2) * SWING_TICKS, every)
+    largest = [figures(in_mujoco(xml, trace, first), recorded(trace, first))["max_rad"] for first in ticks]
+    return {
+        "at_secs": [first * TICK_SECS for first in ticks],
+        "max_rad": largest,
+        "median_max_rad": float(np.median(largest)),
+        "share_within": float(np.mean(np.array(largest) <= LIMIT)),
+    }
+
+
 def one(xml, trace, first, kind):
     """Everything about one start, and the curves."""
     curves = {
         "herd, recorded": recorded(trace, first),
         "MuJoCo, RK4, 0.1 ms": in_mujoco(xml, trace, first),
-        "herd, replayed at 0.1 ms": in_herd(trace, first, *FINE),
+        "herd, replayed at 0.1 ms": in_fine_herd(trace, first),
     }
     ours, theirs, fine = curves.values()
     weight, judge = trace.header["weight_n"], Plant(xml, TICK_SECS)
@@ -182,7 +192,7 @@ def one(xml, trace, first, kind):
         "load": {"herd": load(ours, weight), "mujoco": load(theirs, weight)},
         "work_j": {"herd": work(trace, first, ours), "mujoco": work(trace, first, theirs)},
         "energy_j": {
-            "start": judge.energy(trace.state(first)),
+            "start": judge.energy(trace.at_once.state(first)),
             "herd": judge.energy(ours[-1]),
             "mujoco": judge.energy(theirs[-1]),
         },
@@ -216,6 +226,7 @@ def measure(xml):
         }
         found[name] |= {key: spread(rows, key) for key in ("load", "work_j", "energy_j")} | {"rows": rows}
     trace = recording()
+    found["over_a_stride"] = over_a_stride(xml, trace)
     found["in_the_air"] = in_the_air(xml, trace)
     found["growth_rad_per_unit"] = growth(xml, trace)
     found["variants"] = {

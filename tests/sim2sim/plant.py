@@ -4,6 +4,8 @@ import mujoco
 import numpy as np
 
 FEET = ["fl_foot", "fr_foot", "rl_foot", "rr_foot"]
+# Of RK4: weight of a stage, and how far ahead of the step's start the next one lies, in steps.
+STAGES = [(1 / 6, 0.5), (1 / 3, 0.5), (1 / 3, 1.0), (1 / 6, None)]
 
 
 class Plant:
@@ -48,28 +50,46 @@ class Plant:
         data.xfrc_applied[self.body, :3] = push or [0.0, 0.0, 0.0]
         self.clear()
         for _ in range(self.steps):
-            mujoco.mj_step(self.model, data)
-            self.add_contacts(1.0 / self.steps)
-        # What RK4 leaves behind is of its last stage.
+            self.step()
         mujoco.mj_forward(self.model, data)
+
+    def step(self):
+        """One step of RK4, as `mj_step` takes it, which shows the contact forces of its last stage alone."""
+        model, data, secs = self.model, self.data, self.model.opt.timestep
+        position, velocity = data.qpos.copy(), data.qvel.copy()
+        mean_velocity, mean_acceleration = np.zeros(model.nv), np.zeros(model.nv)
+        for weight, ahead in STAGES:
+            mujoco.mj_forwardSkip(model, data, mujoco.mjtStage.mjSTAGE_NONE, 1)
+            self.add_contacts(weight / self.steps)
+            speed, acceleration = data.qvel.copy(), data.qacc.copy()
+            mean_velocity += weight * speed
+            mean_acceleration += weight * acceleration
+            if ahead:
+                self.move(position, velocity, speed, acceleration, ahead * secs)
+        self.move(position, velocity, mean_velocity, mean_acceleration, secs)
+        data.time += secs
+
+    def move(self, position, velocity, speed, acceleration, secs):
+        """Goes on from a position and velocity with this speed and acceleration."""
+        place = position.copy()
+        mujoco.mj_integratePos(self.model, place, speed, secs)
+        self.data.qpos[:], self.data.qvel[:] = place, velocity + secs * acceleration
 
     def add_contacts(self, share):
         """Adds a share of the contact forces of now to the tick's means."""
-        force = np.zeros(6)
-        for i in range(self.data.ncon):
-            contact = self.data.contact[i]
-            geom = contact.geom2 if contact.geom2 in self.foot_of else contact.geom1
-            mujoco.mj_contactForce(self.model, self.data, i, force)
-            if force[0] <= 0.0:
+        data, contacts = self.data, self.data.contact
+        for (geom1, geom2), row, frame in zip(contacts.geom, contacts.efc_address, contacts.frame, strict=True):
+            # Of an elliptic cone: normal, and two tangents in the contact's frame.
+            normal, *tangents = data.efc_force[row : row + 3]
+            if normal <= 0.0:
                 continue
-            if geom in self.foot_of:
-                foot = self.foot_of[geom]
-                self.normal[foot] += share * force[0]
-                self.tangent[foot] += share * (force[1] * contact.frame[3:6] + force[2] * contact.frame[6:9])
+            foot = self.foot_of.get(geom2, self.foot_of.get(geom1))
+            if foot is not None:
+                self.normal[foot] += share * normal
+                self.tangent[foot] += share * (tangents[0] * frame[3:6] + tangents[1] * frame[6:9])
             else:
-                pair = {contact.geom1, contact.geom2}
-                self.touched["trunk"] |= self.trunk in pair
-                self.touched["knee"] |= bool(self.knees & pair)
+                self.touched["trunk"] |= self.trunk in (geom1, geom2)
+                self.touched["knee"] |= bool(self.knees & {geom1, geom2})
 
     def snapshot(self):
         """The robot as herd sees one."""
