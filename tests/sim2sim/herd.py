@@ -5,6 +5,7 @@ import json
 import os
 import pathlib
 import subprocess
+import sys
 import tempfile
 
 import numpy as np
@@ -14,8 +15,11 @@ BINARY = os.environ.get("HERD", str(ROOT / "target" / "release" / "herd"))
 
 
 def call(*words):
-    """What `herd <words>` prints."""
-    return subprocess.run([BINARY, *map(str, words)], check=True, capture_output=True, text=True).stdout
+    """What `herd <words>` prints; ends the script with herd's own words where it refuses."""
+    done = subprocess.run([BINARY, *map(str, words)], check=False, capture_output=True, text=True)
+    if done.returncode:
+        sys.exit(f"herd {words[0]}: {done.stderr.strip()}")
+    return done.stdout
 
 
 def sets(**values):
