@@ -73,7 +73,9 @@ fn decay_takes_its_share_of_the_critics_and_nothing_of_the_actor() {
         learner(&[PLAIN.as_slice(), &["ddpg.critic_rate=0.01", &format!("ddpg.critic_decay={decay}")]].concat())
     });
     let start = free.save().unwrap().records;
-    [&mut free, &mut drawn].map(|learner| run(learner, &replay, 1));
+    for learner in [&mut free, &mut drawn] {
+        run(learner, &replay, 1);
+    }
     let (free, drawn) = (free.save().unwrap().records, drawn.save().unwrap().records);
     for ((start, free), drawn) in start.iter().zip(&free).zip(&drawn) {
         let share = if drawn.name.starts_with("critic0.online") { (rate * decay) as f32 } else { 0.0 };
