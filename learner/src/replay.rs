@@ -12,13 +12,25 @@
 
 use herd_common::transition;
 use rand::{Rng, RngExt};
+use std::sync::Arc;
 
 /// Rows of one block; a power of two.
 const BLOCK_ROWS: usize = 4096;
 
-/// The newest transitions, first in, first out.
+/// Tells one memory from every other, for those that keep a copy.
 #[derive(Clone, Debug)]
+pub struct Identity(Arc<()>);
+
+impl PartialEq for Identity {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+/// The newest transitions, first in, first out.
+#[derive(Debug)]
 pub struct Replay {
+    identity: Identity,
     capacity: usize,
     observation_dim: usize,
     action_dim: usize,
@@ -50,7 +62,8 @@ impl Replay {
     /// An empty memory for `capacity` transitions of these lengths.
     pub fn new(capacity: usize, observation_dim: usize, action_dim: usize) -> Self {
         assert!(capacity > 0, "a replay memory holds at least one transition");
-        Self { capacity, observation_dim, action_dim, pushed: 0, len: 0, oldest: 0, blocks: Vec::new() }
+        let identity = Identity(Arc::new(()));
+        Self { identity, capacity, observation_dim, action_dim, pushed: 0, len: 0, oldest: 0, blocks: Vec::new() }
     }
 
     /// Transitions held.
@@ -107,19 +120,54 @@ impl Replay {
 
     /// Draws `n` transitions uniformly, with replacement; none if the memory is empty. Nothing is copied.
     pub fn draw<'a>(&'a self, n: usize, rng: &mut impl Rng) -> impl ExactSizeIterator<Item = Row<'a>> {
-        let n = if self.is_empty() { 0 } else { n };
-        (0..n).map(|_| self.row(rng.random_range(0..self.len as u64) as usize))
+        self.draw_ranks(n, rng).map(|age_rank| self.row(age_rank))
+    }
+
+    /// As `draw`, but says of each transition how many are older.
+    pub fn draw_ranks(&self, n: usize, rng: &mut impl Rng) -> impl ExactSizeIterator<Item = usize> {
+        let (len, n) = (self.len as u64, if self.is_empty() { 0 } else { n });
+        (0..n).map(move |_| rng.random_range(0..len) as usize)
     }
 
     /// The transition that `age_rank` others are older than.
     pub fn row(&self, age_rank: usize) -> Row<'_> {
-        let slot = (self.oldest + age_rank) % self.capacity;
+        let slot = self.slot(age_rank);
         let width = self.row_width();
         let row = &self.blocks[slot / BLOCK_ROWS][slot % BLOCK_ROWS * width..][..width];
         let (observation, row) = row.split_at(self.observation_dim);
         let (next_observation, row) = row.split_at(self.observation_dim);
         let (action, row) = row.split_at(self.action_dim);
         Row { observation, action, reward: row[0], discount: row[1], next_observation }
+    }
+
+    /// Where that transition stands; its slot stays until it is replaced.
+    pub fn slot(&self, age_rank: usize) -> usize {
+        (self.oldest + age_rank) % self.capacity
+    }
+
+    /// Which memory this is.
+    pub fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// The transitions that were pushed after the first `pushed` ones and are held: the slot of a first one, then its row
+    /// and those that follow in memory, observation, next observation, action, reward and discount each.
+    pub fn since(&self, pushed: u64) -> impl Iterator<Item = (usize, &[f32])> {
+        let (width, capacity) = (self.row_width(), self.capacity);
+        let mut number = pushed.max(self.pushed - self.len as u64);
+        std::iter::from_fn(move || {
+            let missing = usize::try_from(self.pushed - number).expect("no more than are held");
+            let slot = (number % capacity as u64) as usize;
+            let row = slot % BLOCK_ROWS;
+            let together = missing.min(BLOCK_ROWS - row).min(capacity - slot);
+            number += together as u64;
+            (together > 0).then(|| (slot, &self.blocks[slot / BLOCK_ROWS][row * width..][..together * width]))
+        })
+    }
+
+    /// Numbers of one row.
+    pub fn row_width(&self) -> usize {
+        2 * self.observation_dim + self.action_dim + 2
     }
 
     /// Makes room for one more transition, at the cost of the oldest if need be.
@@ -138,10 +186,6 @@ impl Replay {
             self.blocks.push(vec![0.0; rows * width].into_boxed_slice());
         }
         &mut self.blocks[slot / BLOCK_ROWS][slot % BLOCK_ROWS * width..][..width]
-    }
-
-    fn row_width(&self) -> usize {
-        2 * self.observation_dim + self.action_dim + 2
     }
 }
 
@@ -195,6 +239,31 @@ mod tests {
                 prop_assert_eq!(row.reward, expected.rewards[0]);
                 prop_assert_eq!(row.discount, expected.discounts[0]);
                 prop_assert_eq!(row.next_observation, &expected.next_observations[..]);
+            }
+        }
+
+        #[test]
+        fn a_copy_that_is_told_what_is_new_is_the_memory(
+            capacity in 1_usize..10_000,
+            pushes in prop::collection::vec(0_usize..5_000, 1..6),
+        ) {
+            let mut replay = Replay::new(capacity, 3, 2);
+            let mut copy = vec![f32::NAN; capacity * replay.row_width()];
+            let (mut known, mut copied) = (0, 0);
+            for n in pushes {
+                replay.push(&numbered(replay.pushed() as usize, n));
+                for (slot, numbers) in replay.since(known) {
+                    copy[slot * replay.row_width()..][..numbers.len()].copy_from_slice(numbers);
+                    copied += numbers.len() / replay.row_width();
+                }
+                known = replay.pushed();
+                prop_assert!(copied as u64 <= known, "{} copied of {}", copied, known);
+            }
+            for age_rank in 0..replay.len() {
+                let (row, found) = (replay.row(age_rank), &copy[replay.slot(age_rank) * replay.row_width()..]);
+                let expected =
+                    [row.observation, row.next_observation, row.action, &[row.reward, row.discount]].concat();
+                prop_assert_eq!(&found[..expected.len()], &expected[..]);
             }
         }
 
