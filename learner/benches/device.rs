@@ -1,12 +1,11 @@
 //! Updates of the device's trainer, several at a time: batches of 256, 1024 and 4096, on a GPU with the feature `cuda`.
 
-use candle_core::Device;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use herd_common::config::Config;
 use herd_common::seed::Seed;
 use herd_common::spaces::{GAIT_ACTION_DIM, OBSERVATION_DIM, Task};
 use herd_common::transition::Batch;
-use herd_learner::ddpg::OnDevice;
+use herd_learner::ddpg::{Device, OnDevice};
 use herd_learner::replay::Replay;
 use rand::RngExt;
 use std::time::Duration;
@@ -34,32 +33,20 @@ fn replay(transitions: usize) -> Replay {
     replay
 }
 
-fn device() -> (&'static str, Device) {
-    if cfg!(feature = "cuda") {
-        ("cuda", Device::new_cuda(0).expect("a GPU that CUDA knows"))
-    } else {
-        ("cpu", Device::Cpu)
-    }
-}
-
 /// One iteration is `together` updates and one answer.
 fn update(criterion: &mut Criterion) {
-    let (replay, (name, device)) = (replay(20_000), device());
+    let replay = replay(20_000);
     let plain = ["ddpg.twin_critic=false", "ddpg.actor_every=1", "ddpg.smoothing_sigma=0"];
     let td3 = ["ddpg.twin_critic=true", "ddpg.actor_every=2", "ddpg.smoothing_sigma=0.1"];
     for batch_size in [256, 1024, 4096] {
-        let mut group = criterion.benchmark_group(format!("device/{name}/{batch_size}"));
+        let mut group = criterion.benchmark_group(format!("device/cuda/{batch_size}"));
         for (algorithm, sets) in [("ddpg", plain), ("td3", td3)] {
             let mut sets = sets.map(str::to_owned).to_vec();
             sets.push(format!("ddpg.batch_size={batch_size}"));
             let config = Config::default().overridden(&sets).expect("valid settings").ddpg;
             for together in [1, TOGETHER] {
-                if together > 1 && name == "cpu" {
-                    // Nothing waits for a CPU: more of them only take longer.
-                    continue;
-                }
                 let mut ddpg =
-                    OnDevice::new(&config, Task::Gait.dims(), Seed::from_number(2), &device).expect("networks");
+                    OnDevice::new(&config, Task::Gait.dims(), Seed::from_number(2), Device::Cuda).expect("networks");
                 group.throughput(Throughput::Elements(together));
                 group.bench_function(format!("{algorithm}/{together}"), |bencher| {
                     bencher.iter(|| {

@@ -3,6 +3,8 @@
 //! Cores, without sockets or clocks: [`replay`], [`ddpg`], [`export`], [`history`]. Shell: [`trainer`] owns a run's state
 //! on one thread, [`service`] is its gRPC door, [`run`] puts a learner together. It knows nothing of physics.
 
+#![cfg_attr(not(feature = "cuda"), forbid(unsafe_code))]
+
 pub mod ddpg;
 pub mod export;
 pub mod fold;

@@ -47,9 +47,18 @@ pub enum Error {
         "config: `ddpg.device` is \"cuda\", expected \"cpu\": this herd was built without the feature `cuda` (docs/gpu.md)"
     )]
     NoCuda,
-    /// There is no GPU, or its driver does not fit.
+    /// There is no GPU, its driver does not fit, or it failed.
     #[error("config: `ddpg.device` is \"cuda\", but no GPU can be used: {0}")]
-    Gpu(candle_core::Error),
+    Gpu(String),
+    /// The networks at work on a minibatch need more numbers than a device is laid out for.
+    #[error(
+        "config: `ddpg.batch_size` and `ddpg.hidden` ask for {found} numbers on a device, expected at most {}",
+        u32::MAX
+    )]
+    TooLarge {
+        /// Numbers in all.
+        found: usize,
+    },
     /// candle refused an operation: a mistake of the program.
     #[error("candle: {0}")]
     Candle(#[from] candle_core::Error),

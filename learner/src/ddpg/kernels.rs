@@ -7,8 +7,9 @@
 
 use super::strips::{Matrix, Piece, WIDTH};
 
-/// What follows a layer's sum.
+/// What follows a layer's sum. `repr(u32)`: a GPU's kernels read it as a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
 pub(super) enum Activation {
     /// Nothing.
     Linear,

@@ -1,6 +1,6 @@
 //! The learner that the configuration asks for: the CPU's trainer, or the one on a device.
 
-use super::device::OnDevice;
+use super::device::{self, OnDevice};
 use super::error::Error;
 use super::snapshot::Snapshot;
 use super::update::{Ddpg, Update};
@@ -15,7 +15,7 @@ use herd_common::spaces::Dims;
 pub enum Learner {
     /// In place on the calling thread.
     Cpu(Box<Ddpg>),
-    /// By candle's operations on some device.
+    /// On a GPU, several updates at a time.
     Device(Box<OnDevice>),
 }
 
@@ -24,7 +24,7 @@ impl Learner {
     pub fn new(config: &Config, dims: Dims, seed: Seed) -> Result<Self, Error> {
         Ok(match config.device {
             Device::Cpu => Self::Cpu(Box::new(Ddpg::new(config, dims, seed)?)),
-            Device::Cuda => Self::Device(Box::new(OnDevice::new(config, dims, seed, &gpu()?)?)),
+            Device::Cuda => Self::Device(Box::new(OnDevice::new(config, dims, seed, device::Device::Cuda)?)),
         })
     }
 
@@ -32,7 +32,7 @@ impl Learner {
     pub fn check(config: &Config) -> Result<(), Error> {
         match config.device {
             Device::Cpu => Ok(()),
-            Device::Cuda => gpu().map(|_| ()),
+            Device::Cuda => device::Device::Cuda.check(),
         }
     }
 
@@ -83,9 +83,4 @@ impl Learner {
             Self::Device(ddpg) => ddpg.policy_layers(),
         }
     }
-}
-
-/// The first GPU; `CUDA_VISIBLE_DEVICES` says which that is.
-fn gpu() -> Result<candle_core::Device, Error> {
-    if cfg!(feature = "cuda") { candle_core::Device::new_cuda(0).map_err(Error::Gpu) } else { Err(Error::NoCuda) }
 }

@@ -9,8 +9,8 @@
 //!
 //! On the CPU all large matrices stand in `strips` and each product is `product`; losses are candle's tensors.
 //!
-//! `device` takes the same steps on any candle device, a GPU for one, several of them at a time. [`Learner`] is the one
-//! that the configuration asks for.
+//! `device` takes the same steps on a GPU, several of them at a time. [`Learner`] is the one that the configuration asks
+//! for.
 
 mod batch;
 mod device;
@@ -31,7 +31,7 @@ mod tile;
 mod update;
 
 pub use batch::Batch;
-pub use device::OnDevice;
+pub use device::{Device, OnDevice};
 pub use error::Error;
 pub use learner::Learner;
 pub use snapshot::{Counters, Record, Snapshot};

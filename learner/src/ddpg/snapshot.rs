@@ -51,21 +51,27 @@ pub struct Snapshot {
     pub records: Vec<Record>,
 }
 
-/// A network that can be read, wherever its tensors are.
-pub(super) trait Stored {
-    /// The weights and biases in order, input first.
+/// A network's weights and biases in order, input first.
+pub(super) trait Spanned {
+    /// Where they stand in a row.
     fn spans(&self) -> &[Span];
-    /// The numbers of one of them.
-    fn read(&self, row: Row, span: &Span) -> candle_core::Result<Vec<f32>>;
 }
 
-impl Stored for Network {
+/// A network that can be read, wherever its tensors were.
+pub(super) trait Stored: Spanned {
+    /// The numbers of one weight or bias.
+    fn read(&self, row: Row, span: &Span) -> Vec<f32>;
+}
+
+impl Spanned for Network {
     fn spans(&self) -> &[Span] {
         Self::spans(self)
     }
+}
 
-    fn read(&self, row: Row, span: &Span) -> candle_core::Result<Vec<f32>> {
-        Ok(Self::read(self, row, span))
+impl Stored for Network {
+    fn read(&self, row: Row, span: &Span) -> Vec<f32> {
+        Self::read(self, row, span)
     }
 }
 
@@ -80,13 +86,13 @@ pub(super) fn save<'a, N: Stored + 'a>(
     networks: impl Iterator<Item = (String, &'a N)>,
     priorities: Option<&Priorities>,
     mut counters: Counters,
-) -> Result<Snapshot, Error> {
+) -> Snapshot {
     let mut records = Vec::new();
     for (name, network) in networks {
         for row in Row::LASTING {
             for span in network.spans() {
                 let name = format!("{name}.{}.{}", row.name(), span.name);
-                records.push(Record { name, shape: span.shape.clone(), values: network.read(row, span)? });
+                records.push(Record { name, shape: span.shape.clone(), values: network.read(row, span) });
             }
         }
     }
@@ -94,11 +100,11 @@ pub(super) fn save<'a, N: Stored + 'a>(
         records.extend(priorities.save());
         counters.prioritised = priorities.seen();
     }
-    Ok(Snapshot { counters, records })
+    Snapshot { counters, records }
 }
 
 /// What a snapshot holds for a learner of these parts: each network's lasting rows one after the other, and priorities.
-pub(super) fn parts<'a, N: Stored + 'a>(
+pub(super) fn parts<'a, N: Spanned + 'a>(
     snapshot: &Snapshot,
     networks: impl Iterator<Item = (String, &'a N)>,
     priorities: Option<&Priorities>,
@@ -134,7 +140,6 @@ pub(super) fn policy_layers(actor: &impl Stored) -> Result<Vec<Layer>, Error> {
     let layer = |pair: &[Span]| -> Result<Layer, Error> {
         let (inputs, outputs) = (pair[0].shape[0], pair[0].shape[1]);
         let [weights, biases] = [&pair[0], &pair[1]].map(|span| actor.read(Row::Online, span));
-        let (weights, biases) = (weights?, biases?);
         check_finite(&format!("actor.{}", pair[0].name), &weights)?;
         check_finite(&format!("actor.{}", pair[1].name), &biases)?;
         Ok(Layer { inputs, outputs, weights, biases })
@@ -145,7 +150,7 @@ pub(super) fn policy_layers(actor: &impl Stored) -> Result<Vec<Layer>, Error> {
 impl Ddpg {
     /// All that the next update depends on, but for configuration, seed and replay memory.
     pub fn save(&self) -> Result<Snapshot, Error> {
-        save(named(&self.actor, &self.critics), self.priorities.as_ref(), self.counters)
+        Ok(save(named(&self.actor, &self.critics), self.priorities.as_ref(), self.counters))
     }
 
     /// Goes on where `snapshot` was taken. On an error nothing has changed.

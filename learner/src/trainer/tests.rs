@@ -1,13 +1,12 @@
 //! Runs of made-up episodes without actors: killed between a commit and the next checkpoint, and learned from by a
-//! device's trainer, on candle's CPU.
+//! device's trainer: the host's, or a GPU's in a build with the feature `cuda`.
 
 use super::Trainer;
-use crate::ddpg::{Learner, OnDevice};
+use crate::ddpg::{Device, Learner, OnDevice};
 use crate::history::epoch::Epoch;
 use crate::history::record::{Committed, Record};
 use crate::run_dir::RunDir;
 use crate::shelf::Shelf;
-use candle_core::Device;
 use herd_common::config::Config;
 use herd_common::episode::{Counts, Ending, Outcome, Reward};
 use herd_common::seed::Seed;
@@ -138,7 +137,8 @@ fn a_run_on_a_device_is_the_run_but_for_its_last_bits() {
 
     let mut trainer = restore(device.path(), &config);
     let seed = Seed::from_number(config.seed).child("learner", 0);
-    let on_device = OnDevice::new(&config.ddpg, Task::Gait.dims(), seed, &Device::Cpu).unwrap();
+    let kind = if cfg!(feature = "cuda") { Device::Cuda } else { Device::Host };
+    let on_device = OnDevice::new(&config.ddpg, Task::Gait.dims(), seed, kind).unwrap();
     trainer.ddpg = Learner::Device(Box::new(on_device));
     live(&mut trainer, 0..3);
     assert_eq!(trainer.ddpg.updates(), 3 * TRANSITIONS - 30);

@@ -135,6 +135,13 @@ fn only_the_simulator_knows_rapier() {
 }
 
 #[test]
+fn only_launching_kernels_is_unsafe() {
+    let elsewhere = |source: &Source| not_here(source) && source.path != "learner/src/ddpg/device/cuda.rs";
+    let unsafe_code = |line: &str| line.contains("unsafe") && !line.contains("forbid(unsafe_code)");
+    nowhere("unsafe outside learner/src/ddpg/device/cuda.rs", elsewhere, unsafe_code);
+}
+
+#[test]
 fn wire_types_stop_at_the_wire() {
     // `actor/src/testing` is a learner for the actor's own tests.
     let places = ["proto/", "learner/src/service/", "actor/src/uplink", "actor/src/testing/", "tests/"];

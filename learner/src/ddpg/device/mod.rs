@@ -1,30 +1,72 @@
-//! The trainer on any candle device: the updates of `update`, in candle's own operations, several at a time.
+//! The trainer on a device: the updates of `update` as launches over one arena, several updates at a time.
 //!
 //! What is random happens on the host, as it does for the CPU's trainer, so both draw the same minibatches and noise.
-//! Several updates go to the device in one transfer and are queued one behind the other; what they found comes back in
-//! one transfer when the last is through. Nothing waits in between: an update whose losses or gradients are not finite
-//! undoes itself on the device, and is counted when that is read. How many go together does not show in the bits.
-//! Prioritised replay draws by what the last update found, so there they go one by one.
+//! The device has a copy of the replay memory, so a minibatch is sent as slots. Updates are queued one behind the other
+//! while the host draws the next; what they found comes back in one transfer when the last is through. Nothing waits in
+//! between: an update whose losses or gradients are not finite undoes itself on the device, and is counted when that is
+//! read. How many go together does not show in the bits. Prioritised replay draws by what the last update found, so there
+//! they go one by one.
+//!
+//! `plan` says what an update is, `cuda` does it on a GPU, `host` on the calling thread, for tests.
 
-mod network;
-mod upload;
+#[cfg(feature = "cuda")]
+mod cuda;
+mod host;
+mod launches;
+mod plan;
 
 use super::error::Error;
-use super::losses;
-use super::optimizer::kept;
+use super::optimizer::{corrected_rate, root_scale};
 use super::priorities::{Draw, Priorities};
-use super::rows::Row;
-use super::snapshot::{self, Counters, Snapshot};
+use super::rows::{Row, Span};
+use super::snapshot::{self, Counters, Snapshot, Spanned, Stored};
 use super::update::{self, Ddpg, Update};
-use crate::replay::Replay;
-use candle_core::{Device, Result, Tensor};
+use crate::replay::{Identity, Replay};
 use herd_common::caps;
 use herd_common::config::ddpg::Config;
 use herd_common::policy::Layer;
 use herd_common::seed::Seed;
 use herd_common::spaces::Dims;
-use network::{Network, Pass, Step, norm};
-use upload::{Minibatch, Schedule, Sent, Upload};
+use launches::{Launch, REPORT};
+use plan::{Place, Plan};
+use std::fmt::Debug;
+
+/// What computes the launches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Device {
+    /// The calling thread, slowly: to hold a GPU's numbers against.
+    Host,
+    /// The first GPU; `CUDA_VISIBLE_DEVICES` says which that is.
+    Cuda,
+}
+
+impl Device {
+    /// Fails if this program or machine has none.
+    pub fn check(self) -> Result<(), Error> {
+        match self {
+            Self::Host => Ok(()),
+            #[cfg(feature = "cuda")]
+            Self::Cuda => cuda::check(),
+            #[cfg(not(feature = "cuda"))]
+            Self::Cuda => Err(Error::NoCuda),
+        }
+    }
+}
+
+/// An arena and a copy of the replay memory on a device. What it is told happens in order; only `read` waits.
+trait Machine: Debug + Send {
+    /// Puts numbers into the arena.
+    fn write(&mut self, at: u32, numbers: &[f32]) -> Result<(), Error>;
+    /// Numbers of the arena, once all is done.
+    fn read(&self, at: u32, count: usize) -> Result<Vec<f32>, Error>;
+    /// Makes room for a replay memory of so many numbers and forgets the old one.
+    fn make_room(&mut self, numbers: usize) -> Result<(), Error>;
+    /// Puts numbers into the copy of the replay memory.
+    fn remember(&mut self, at: usize, numbers: &[f32]) -> Result<(), Error>;
+    /// Does one update by the program of this number; `feed` is the update's number in the round, then a slot of the
+    /// replay memory for every transition.
+    fn run(&mut self, number: usize, program: &[Launch], feed: &[u32]) -> Result<(), Error>;
+}
 
 /// The learner's networks on a device, and all that they need to go on learning.
 #[derive(Debug)]
@@ -32,49 +74,35 @@ pub struct OnDevice {
     config: Config,
     dims: Dims,
     seed: Seed,
-    device: Device,
-    actor: Network,
-    critics: Vec<Network>,
+    plan: Plan,
+    machine: Box<dyn Machine>,
     counters: Counters,
     /// Of prioritised replay.
     priorities: Option<Priorities>,
-    /// −1, 0 and 1, `[1]` each.
-    constants: [Tensor; 3],
-}
-
-/// Numbers that each update reports before the errors: critic's loss, actor's loss, mean value, whether all is finite.
-const REPORT: usize = 4;
-
-/// Losses and gradients of one update, on the device.
-struct Findings {
-    /// `[1]` each.
-    critic_loss: Tensor,
-    actor_loss: Option<Tensor>,
-    mean_value: Tensor,
-    /// Gradient and its length, critic by critic.
-    critics: Vec<(Tensor, Tensor)>,
-    /// The same, if the actor is to move.
-    actor: Option<(Tensor, Tensor)>,
-    /// y − Q(s, a) of the first critic, `[n]`.
-    errors: Tensor,
+    /// The memory whose copy the device has, and how many transitions it had been given.
+    remembered: Option<(Identity, u64)>,
 }
 
 impl OnDevice {
     /// The networks that `Ddpg::new` starts with, on this device.
-    pub fn new(config: &Config, dims: Dims, seed: Seed, device: &Device) -> std::result::Result<Self, Error> {
+    pub fn new(config: &Config, dims: Dims, seed: Seed, device: Device) -> Result<Self, Error> {
+        device.check()?;
         let model = Ddpg::new(config, dims, seed)?;
-        let constant = |x: f32| Tensor::new(&[x], device);
+        let plan = Plan::new(config, dims, &model, updates_at_once(config));
+        if u32::try_from(plan.len).is_err() {
+            return Err(Error::TooLarge { found: plan.len });
+        }
         let mut fresh = Self {
             config: config.clone(),
             dims,
             seed,
-            device: device.clone(),
-            actor: Network::like(&model.actor, device)?,
-            critics: model.critics.iter().map(|critic| Network::like(critic, device)).collect::<Result<_>>()?,
+            machine: machine(device, plan.len, config)?,
+            plan,
             counters: Counters::default(),
             priorities: model.priorities.clone(),
-            constants: [constant(-1.0)?, constant(0.0)?, constant(1.0)?],
+            remembered: None,
         };
+        fresh.machine.write(fresh.plan.weights, &vec![1.0; config.batch_size])?;
         fresh.load(&model.save()?)?;
         Ok(fresh)
     }
@@ -90,21 +118,25 @@ impl OnDevice {
     }
 
     /// The actor as plain data, every number finite.
-    pub fn policy_layers(&self) -> std::result::Result<Vec<Layer>, Error> {
-        snapshot::policy_layers(&self.actor)
+    pub fn policy_layers(&self) -> Result<Vec<Layer>, Error> {
+        snapshot::policy_layers(&self.held(&self.plan.actor)?)
     }
 
     /// As `Ddpg::save`.
-    pub fn save(&self) -> std::result::Result<Snapshot, Error> {
-        snapshot::save(snapshot::named(&self.actor, &self.critics), self.priorities.as_ref(), self.counters)
+    pub fn save(&self) -> Result<Snapshot, Error> {
+        let actor = self.held(&self.plan.actor)?;
+        let critics = self.plan.critics.iter().map(|place| self.held(place)).collect::<Result<Vec<_>, _>>()?;
+        Ok(snapshot::save(snapshot::named(&actor, &critics), self.priorities.as_ref(), self.counters))
     }
 
     /// As `Ddpg::load`; the snapshot may come from any device.
-    pub fn load(&mut self, snapshot: &Snapshot) -> std::result::Result<(), Error> {
-        let networks = snapshot::named(&self.actor, &self.critics);
-        let (arenas, priorities) = snapshot::parts(snapshot, networks, self.priorities.as_ref())?;
-        for (network, numbers) in std::iter::once(&mut self.actor).chain(&mut self.critics).zip(arenas) {
-            network.overwrite(&numbers)?;
+    pub fn load(&mut self, snapshot: &Snapshot) -> Result<(), Error> {
+        let networks = snapshot::named(&self.plan.actor, &self.plan.critics);
+        let (rows, priorities) = snapshot::parts(snapshot, networks, self.priorities.as_ref())?;
+        for (place, rows) in std::iter::once(&self.plan.actor).chain(&self.plan.critics).zip(rows) {
+            for (i, row) in (0..).zip(rows.chunks_exact(place.moved.parameters as usize)) {
+                self.machine.write(place.moved.rows + i * place.moved.stride, row)?;
+            }
         }
         self.counters = snapshot.counters;
         self.priorities = priorities;
@@ -115,24 +147,22 @@ impl OnDevice {
     ///
     /// A loss or gradient that is not finite leaves all weights as they were; `caps::SKIPPED_UPDATES` of them in a row
     /// are an error.
-    pub fn learn(&mut self, replay: &Replay, most: u64) -> std::result::Result<Vec<Update>, Error> {
+    pub fn learn(&mut self, replay: &Replay, most: u64) -> Result<Vec<Update>, Error> {
         update::check(replay, self.dims)?;
-        let count = usize::try_from(most).unwrap_or(usize::MAX).clamp(1, self.updates_at_once());
-        let (upload, draws) = self.draw(replay, count);
-        let Sent { minibatches, mut critics, mut actor } = upload.send(&self.device)?;
-        let mut reports = Vec::with_capacity(count);
-        let first = self.counters.updates;
-        for (number, minibatch) in (first + 1..).zip(&minibatches) {
-            reports.push(self.update(minibatch, self.moves_actor(number), &mut critics, &mut actor)?);
+        self.remember(replay)?;
+        let count = usize::try_from(most).unwrap_or(usize::MAX).clamp(1, updates_at_once(&self.config));
+        self.machine.write(self.plan.schedule, &self.schedule())?;
+        let mut draws = Vec::new();
+        for (in_round, number) in (0..count as u32).zip(self.counters.updates..) {
+            let feed;
+            (feed, draws) = self.draw(replay, in_round, number)?;
+            let program = usize::from(self.moves_actor(number + 1));
+            self.machine.run(program, &self.plan.programs[program], &feed)?;
         }
-        let report = Tensor::cat(&reports, 0)?.to_vec1::<f32>()?;
-        let width = report.len() / count;
-        report.chunks_exact(width).map(|report| self.account(report, &draws)).collect()
-    }
-
-    fn updates_at_once(&self) -> usize {
-        let fit = caps::TRANSITIONS_PER_UPLOAD / self.config.batch_size;
-        if self.priorities.is_some() { 1 } else { fit.clamp(1, caps::UPDATES_PER_UPLOAD) }
+        let report = self.machine.read(self.plan.report, count * REPORT)?;
+        let errors = if draws.is_empty() { 0 } else { self.config.batch_size };
+        let errors = self.machine.read(self.plan.errors, errors)?;
+        report.chunks_exact(REPORT).map(|report| self.account(report, &errors, &draws)).collect()
     }
 
     /// Whether the actor moves in the update that makes `updates` of them.
@@ -140,126 +170,69 @@ impl OnDevice {
         updates.is_multiple_of(self.config.actor_every)
     }
 
-    /// The minibatches of the next `count` updates; says what was drawn if replay is prioritised.
-    fn draw(&mut self, replay: &Replay, count: usize) -> (Upload, Vec<Draw>) {
-        let (config, counters) = (&self.config, self.counters);
-        let (n, scale, noisy) = (config.batch_size, config.reward_scale as f32, config.smoothing_sigma > 0.0);
-        let steps = [(config.critic_rate, counters.critic_steps), (config.actor_rate, counters.actor_steps)];
-        let mut upload = Upload::new(count, n, self.dims, noisy, steps);
-        let mut draws = Vec::new();
-        for number in (counters.updates..).take(count) {
-            let mut rng = self.seed.child("update", number).rng();
-            let (rows, weights): (Vec<_>, Vec<_>) = if let Some(priorities) = &mut self.priorities {
-                priorities.grow(replay.pushed());
-                draws = priorities.draw(n, &mut rng);
-                draws.iter().map(|draw| (replay.row(draw.age_rank), draw.weight)).unzip()
-            } else {
-                replay.draw(n, &mut rng).map(|row| (row, 1.0)).unzip()
-            };
-            let noise = if noisy { update::smoothing(config, n * self.dims.action, &mut rng) } else { Vec::new() };
-            upload.push(&rows, scale, &weights, &noise);
-        }
-        (upload, draws)
-    }
-
-    /// One update; gives what it found, `[REPORT]` and the errors behind it if replay is prioritised.
-    fn update(
-        &mut self,
-        minibatch: &Minibatch,
-        moves_actor: bool,
-        critics: &mut Schedule,
-        actor: &mut Schedule,
-    ) -> Result<Tensor> {
-        let found = self.findings(minibatch, moves_actor)?;
-        let ok = self.is_finite(&found)?;
-        let target_rate = moves_actor.then_some(self.config.target_rate);
-        let step = |schedule: &Schedule, keep: f64| {
-            let (rate, root_scale) = schedule.next()?;
-            Ok::<_, candle_core::Error>(Step { rate, root_scale, keep, clip: self.config.gradient_clip, target_rate })
+    /// Brings the device's copy of the replay memory up to date.
+    fn remember(&mut self, replay: &Replay) -> Result<(), Error> {
+        let known = match &self.remembered {
+            Some((identity, pushed)) if identity == replay.identity() => *pushed,
+            _ => {
+                self.machine.make_room(replay.capacity() * replay.row_width())?;
+                0
+            }
         };
-        let critic_step = step(critics, kept(self.config.critic_rate, self.config.critic_decay))?;
-        for (critic, (gradient, norm)) in self.critics.iter_mut().zip(&found.critics) {
-            critic.step(gradient, norm, &critic_step, &ok)?;
+        for (slot, numbers) in replay.since(known) {
+            self.machine.remember(slot * replay.row_width(), numbers)?;
         }
-        critics.count(&ok)?;
-        if let Some((gradient, norm)) = &found.actor {
-            self.actor.step(gradient, norm, &step(actor, 1.0)?, &ok)?;
-            actor.count(&ok)?;
-        }
-        let actor_loss = found.actor_loss.unwrap_or_else(|| self.constants[1].clone());
-        let mut report = vec![found.critic_loss, actor_loss, found.mean_value, ok.to_dtype(candle_core::DType::F32)?];
-        if self.priorities.is_some() {
-            report.push(found.errors);
-        }
-        Tensor::cat(&report, 0)
+        self.remembered = Some((replay.identity().clone(), replay.pushed()));
+        Ok(())
     }
 
-    /// Losses and gradients; changes nothing.
-    fn findings(&self, minibatch: &Minibatch, moves_actor: bool) -> Result<Findings> {
-        let y = self.targets(minibatch)?;
-        let inputs = Tensor::cat(&[&minibatch.observations, &minibatch.actions], 1)?;
-        let (mut critics, mut losses, mut values) = (Vec::new(), Vec::new(), Vec::new());
-        for critic in &self.critics {
-            let pass = critic.forward(Row::Online, &inputs)?;
-            let q = pass.output();
-            losses.push(losses::critic(q, &y, &minibatch.weights)?.reshape(1)?);
-            let deltas = critic.deltas(&pass, &losses::critic_gradient(q, &y, &minibatch.weights)?)?;
-            critics.push(with_norm(&pass, &deltas)?);
-            values.push(q.clone());
+    /// Rates and root scales of the steps that this round may take, and that none is taken yet, as `Plan::schedule`.
+    fn schedule(&self) -> Vec<f32> {
+        let (counters, updates) = (self.counters, updates_at_once(&self.config));
+        let mut schedule = Vec::with_capacity(6 * updates + 2);
+        let steps = [(self.config.critic_rate, counters.critic_steps), (self.config.actor_rate, counters.actor_steps)];
+        for (rate, taken) in steps {
+            let counts = taken + 1..=taken + updates as u64;
+            schedule.extend(counts.flat_map(|count| [corrected_rate(rate, count), root_scale(count)]));
         }
-        let guided = if moves_actor { Some(self.guide(minibatch)?) } else { None };
-        let (actor_loss, actor) = guided.unzip();
-        Ok(Findings {
-            critic_loss: Tensor::cat(&losses, 0)?.mean_all()?.reshape(1)?,
-            actor_loss,
-            mean_value: values[0].mean_all()?.reshape(1)?,
-            critics,
-            actor,
-            errors: (y - &values[0])?.flatten_all()?,
-        })
+        schedule.resize(6 * updates + 2, 0.0);
+        schedule
     }
 
-    /// y of eq 6, with TD3's smoothing and minimum, `[n, 1]`.
-    fn targets(&self, minibatch: &Minibatch) -> Result<Tensor> {
-        let [lowest, _, highest] = &self.constants;
-        let pass = self.actor.forward(Row::Target, &minibatch.next_observations)?;
-        let actions = match &minibatch.noise {
-            None => pass.output().clone(),
-            Some(noise) => (pass.output() + noise)?.broadcast_maximum(lowest)?.broadcast_minimum(highest)?,
-        };
-        let inputs = Tensor::cat(&[&minibatch.next_observations, &actions], 1)?;
-        let mut values = self.critics[0].forward(Row::Target, &inputs)?.output().clone();
-        for critic in &self.critics[1..] {
-            values = values.minimum(critic.forward(Row::Target, &inputs)?.output())?;
+    /// Draws the minibatch of update `number` and sends all of it but the feed; says what was drawn if replay is
+    /// prioritised.
+    fn draw(&mut self, replay: &Replay, in_round: u32, number: u64) -> Result<(Vec<u32>, Vec<Draw>), Error> {
+        let (config, mut draws) = (&self.config, Vec::new());
+        let mut rng = self.seed.child("update", number).rng();
+        let mut feed = Vec::with_capacity(1 + config.batch_size);
+        feed.push(in_round);
+        let slot = |age_rank| replay.slot(age_rank) as u32;
+        if let Some(priorities) = &mut self.priorities {
+            priorities.grow(replay.pushed());
+            draws = priorities.draw(config.batch_size, &mut rng);
+            feed.extend(draws.iter().map(|draw| slot(draw.age_rank)));
+            let weights: Vec<f32> = draws.iter().map(|draw| draw.weight).collect();
+            self.machine.write(self.plan.weights, &weights)?;
+        } else {
+            feed.extend(replay.draw_ranks(config.batch_size, &mut rng).map(slot));
         }
-        losses::targets(&minibatch.rewards, &minibatch.discounts, &values)
+        if let Some(noise) = self.plan.noise {
+            let numbers = update::smoothing(config, config.batch_size * self.dims.action, &mut rng);
+            self.machine.write(noise, &numbers)?;
+        }
+        Ok((feed, draws))
     }
 
-    /// The actor's loss, gradient and its length, by the first critic.
-    fn guide(&self, minibatch: &Minibatch) -> Result<(Tensor, (Tensor, Tensor))> {
-        let critic = &self.critics[0];
-        let own = self.actor.forward(Row::Online, &minibatch.observations)?;
-        let inputs = Tensor::cat(&[&minibatch.observations, own.output()], 1)?;
-        let judged = critic.forward(Row::Online, &inputs)?;
-        let deltas = critic.deltas(&judged, &losses::actor_gradient(judged.output())?)?;
-        let gradient = critic.input_gradient(&deltas, self.dims.observation)?;
-        let deltas = self.actor.deltas(&own, &gradient)?;
-        Ok((losses::actor(judged.output())?.reshape(1)?, with_norm(&own, &deltas)?))
-    }
-
-    /// Whether all losses and gradients are finite, `[1]` of u8.
-    fn is_finite(&self, found: &Findings) -> Result<Tensor> {
-        let norms = found.critics.iter().chain(&found.actor).map(|(_, norm)| norm);
-        let all: Vec<&Tensor> =
-            [&found.critic_loss, &found.mean_value].into_iter().chain(&found.actor_loss).chain(norms).collect();
-        // 0 · x is 0 for every finite x, however large the sum of all would be.
-        Tensor::cat(&all, 0)?.affine(0.0, 0.0)?.sum_all()?.reshape(1)?.eq(&self.constants[1])
+    /// A network as it stands on the device now.
+    fn held(&self, place: &Place) -> Result<Held, Error> {
+        let stride = place.moved.stride as usize;
+        let numbers = self.machine.read(place.moved.rows, Row::LASTING.len() * stride)?;
+        Ok(Held { spans: place.spans.clone(), stride, numbers })
     }
 
     /// Counts one update as `Ddpg::update` does.
-    fn account(&mut self, report: &[f32], draws: &[Draw]) -> std::result::Result<Update, Error> {
-        let (&[critic_loss, actor_loss, mean_value, ok], errors) =
-            report.split_first_chunk::<REPORT>().expect("a report has this many numbers");
+    fn account(&mut self, report: &[f32], errors: &[f32], draws: &[Draw]) -> Result<Update, Error> {
+        let &[critic_loss, actor_loss, mean_value, ok] = report else { unreachable!("a report is {REPORT} numbers") };
         self.counters.updates += 1;
         let moves_actor = self.moves_actor(self.counters.updates);
         let counters = &mut self.counters;
@@ -282,11 +255,47 @@ impl OnDevice {
     }
 }
 
-/// The gradient of a pass and its length.
-fn with_norm(pass: &Pass, deltas: &[Tensor]) -> Result<(Tensor, Tensor)> {
-    let gradient = Network::gradient(pass, deltas)?;
-    let norm = norm(&gradient)?;
-    Ok((gradient, norm))
+/// Updates that may go together.
+fn updates_at_once(config: &Config) -> usize {
+    let fit = caps::TRANSITIONS_PER_UPLOAD / config.batch_size;
+    if config.priority_alpha > 0.0 { 1 } else { fit.clamp(1, caps::UPDATES_PER_UPLOAD) }
+}
+
+fn machine(device: Device, len: usize, config: &Config) -> Result<Box<dyn Machine>, Error> {
+    let reward_scale = config.reward_scale as f32;
+    match device {
+        Device::Host => Ok(Box::new(host::Host::new(len, reward_scale))),
+        #[cfg(feature = "cuda")]
+        Device::Cuda => Ok(Box::new(cuda::Cuda::new(len, config.batch_size, reward_scale)?)),
+        #[cfg(not(feature = "cuda"))]
+        Device::Cuda => Err(Error::NoCuda),
+    }
+}
+
+/// A network's lasting rows, read off the device.
+struct Held {
+    spans: Vec<Span>,
+    /// From one row to the next.
+    stride: usize,
+    numbers: Vec<f32>,
+}
+
+impl Spanned for Place {
+    fn spans(&self) -> &[Span] {
+        &self.spans
+    }
+}
+
+impl Spanned for Held {
+    fn spans(&self) -> &[Span] {
+        &self.spans
+    }
+}
+
+impl Stored for Held {
+    fn read(&self, row: Row, span: &Span) -> Vec<f32> {
+        self.numbers[row as usize * self.stride + span.start..][..span.len()].to_vec()
+    }
 }
 
 #[cfg(test)]

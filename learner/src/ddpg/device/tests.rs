@@ -1,12 +1,15 @@
-//! Tests of the device's trainer on candle's CPU, where the bits of its operations can be held against the other trainer.
+//! Tests of the device's trainer against the CPU's: on the host in every build, on a GPU in one with the feature `cuda`.
 
 use super::super::tests::*;
 use super::super::{Ddpg, Error, Snapshot};
 use super::*;
 use herd_common::transition;
 
+/// A build with the feature needs a GPU for these tests.
+const DEVICE: Device = if cfg!(feature = "cuda") { Device::Cuda } else { Device::Host };
+
 fn on_device(sets: &[&str]) -> OnDevice {
-    OnDevice::new(&config(sets), DIMS, Seed::from_number(5), &Device::Cpu).unwrap()
+    OnDevice::new(&config(sets), DIMS, Seed::from_number(5), DEVICE).unwrap()
 }
 
 /// Every number of a snapshot, as bits.
@@ -83,6 +86,29 @@ fn updates_that_go_together_are_those_that_go_alone() {
     assert_eq!(prioritised.learn(&replay, 13).unwrap().len(), 1, "each draw needs the last one's errors");
     let mut endless = on_device(&PLAIN);
     assert_eq!(endless.learn(&replay, u64::MAX).unwrap().len(), caps::UPDATES_PER_UPLOAD);
+}
+
+/// Batches for which a GPU takes small tiles and medium ones. Gradients are told by the means of a first step. Of so many
+/// ReLUs one or the other is at its bend, where the last bit decides whether a transition counts.
+#[cfg(feature = "cuda")]
+#[test]
+fn gradients_of_large_minibatches_agree_with_those_of_the_cpu() {
+    let dims = Dims { observation: 56, action: 4 };
+    let replay = random_replay(5000, dims);
+    for batch_size in [250, 1024, 4096] {
+        let batch_size = format!("ddpg.batch_size={batch_size}");
+        let sets = ["ddpg.hidden=[512, 256]", "ddpg.twin_critic=true", "ddpg.actor_every=1", &batch_size];
+        let (config, seed) = (config(&sets), Seed::from_number(5));
+        let mut cpu = Ddpg::new(&config, dims, seed).unwrap();
+        let mut device = OnDevice::new(&config, dims, seed, DEVICE).unwrap();
+        assert_updates_alike(&learn(&mut device, &replay, 1, 1), &run(&mut cpu, &replay, 1));
+        let [mut found, mut expected] = [device.save().unwrap(), cpu.save().unwrap()];
+        for snapshot in [&mut found, &mut expected] {
+            snapshot.records.retain(|record| record.name.contains("mean"));
+        }
+        assert_eq!(found.records.len(), 18, "{batch_size}");
+        assert_alike(&found, &expected, 1e-3);
+    }
 }
 
 #[test]
@@ -167,7 +193,7 @@ fn both_algorithms_find_the_optimum_of_a_point_mass_here_too() {
     for sets in [PLAIN, TD3] {
         let config = point_mass_config(&sets);
         let (dims, seed) = (Dims { observation: 1, action: 1 }, Seed::from_number(12));
-        let mut device = OnDevice::new(&config, dims, seed, &Device::Cpu).unwrap();
+        let mut device = OnDevice::new(&config, dims, seed, DEVICE).unwrap();
         let mut reader = Ddpg::new(&config, dims, seed).unwrap();
         learn(&mut device, &point_mass(3000), 3000, 50);
         assert!(point_mass_error(&reader) > 0.8, "nothing to learn");
