@@ -143,9 +143,13 @@ def environment(on_gpu, threads=1):
 
 
 class Bench:
-    """One of herd's criterion benches, built once and run as often as there are rounds."""
+    """One of herd's criterion benches, built once and run as often as there are rounds; `program` is one built before."""
 
-    def __init__(self, package, bench, *features):
+    def __init__(self, package, bench, *features, program=None):
+        self.home = ROOT / "target" / "peers" / f"{package}-{bench}"
+        self.program = program
+        if program:
+            return
         command = ["cargo", "bench", "--locked", "-p", package, "--bench", bench, "--no-run"]
         command += ["--features", ",".join(features)] if features else []
         built = subprocess.run(
@@ -155,7 +159,6 @@ class Bench:
         self.program = next(
             m["executable"] for m in messages if m.get("executable") and m["target"]["name"] == bench
         )
-        self.home = ROOT / "target" / "peers" / f"{package}-{bench}"
 
     def run(self, only, seconds, samples=30, on_gpu=False, threads=1):
         """Microseconds an iteration, for every sample of every bench whose name contains `only`.

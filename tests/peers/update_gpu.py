@@ -1,8 +1,8 @@
 """Times DDPG updates of herd's networks on a GPU: herd built with `cuda`, PyTorch with and without CUDA graphs.
 
-Needs a GPU, a CUDA toolkit to build herd (docs/gpu.md) and PyTorch. Updates go to the GPU 32 at a time, then it is
-waited for, by all alike; a figure is the time of one update. herd's minibatches come from the host's memory, as in
-training; PyTorch has all transitions on the GPU.
+Needs a GPU, NVRTC (docs/gpu.md) and PyTorch. Updates go to the GPU 32 at a time, then it is waited for, by all alike; a
+figure is the time of one update. All keep the transitions on the GPU and compute in float32; herd draws minibatches on
+the host, PyTorch on the GPU.
 """
 
 import shutil
@@ -12,7 +12,8 @@ import sys
 import bench
 
 TOGETHER = 32
-BATCHES = (256, 1024, 4096)
+# Transitions, and about how long herd takes for all updates together, in microseconds.
+BATCHES = ((256, 2000), (1024, 4000), (4096, 12000))
 PEERS = [
     ("PyTorch tuned", ["tuned"]),
     ("PyTorch with CUDA graphs", ["tuned", "--graphs"]),
@@ -32,22 +33,23 @@ def gpu():
 def measure(options):
     """The rows of the table, batch by batch."""
     rounds, seconds = (1, 1.0) if options.quick else (options.rounds, 3.0)
-    herd = None if options.no_herd else bench.Bench("herd-learner", "device", "cuda")
+    herd = None if options.no_herd else bench.Bench("herd-learner", "device", "cuda", program=options.bench)
     rows = []
-    for batch in BATCHES:
+    for batch, expected_micros in BATCHES:
         work, missing, peers = f"DDPG update on a GPU, batch {batch}", [], []
-        for name, words in PEERS:
+        for name, words in PEERS[: 2 if options.no_compiled else None]:
             bench.say(f"gpu: starting {name}, batch {batch}")
             where = ["--device", "cuda", "--together", TOGETHER]
             try:
                 peers.append((name, bench.Peer("update_torch.py", words[0], batch, *words[1:], *where, on_gpu=True)))
             except Exception as error:  # noqa: BLE001
                 missing.append(bench.failed(work, name, error))
-        times, notes = {}, {"herd": f"candle, {TOGETHER} updates an upload; clips gradients too"}
+        times, notes = {}, {"herd": "clips gradients too"}
         for number in range(rounds):
             bench.say(f"gpu: batch {batch}, round {number + 1}")
             if herd:
-                found = herd.run(f"device/cuda/{batch}/ddpg/{TOGETHER}", seconds, samples=30, on_gpu=True)
+                samples = seconds * 1e6 / expected_micros
+                found = herd.run(f"device/cuda/{batch}/ddpg/{TOGETHER}", seconds, samples, on_gpu=True)
                 for micros in found.values():
                     times.setdefault("herd", []).extend(micros)
             for name, peer in peers:
@@ -56,16 +58,21 @@ def measure(options):
         for name, micros in times.items():
             each = [micro / TOGETHER for micro in micros]
             note = f"{1e6 / bench.quantile(each, 0.5):.0f}/s; {notes[name]}"
-            rows.append(bench.row(work, name, "µs", each, note, tail=False))
+            rows.append(bench.row(work, name, "µs", each, note))
         for _, peer in peers:
             peer.close()
         rows += missing
+        # What is there so far: PyTorch's compiler may take longer than the GPU is at hand.
+        bench.say(bench.markdown(rows))
     return rows
 
 
 def main():
     options = bench.arguments(
-        __doc__, rounds={"type": int, "default": 3, "help": "rounds of herd and all peers (default 3)"}
+        __doc__,
+        rounds={"type": int, "default": 3, "help": "rounds of herd and all peers (default 3)"},
+        no_compiled={"action": "store_true", "help": "leave out what PyTorch compiles, which takes minutes to start"},
+        bench={"help": "herd's bench `device`, built elsewhere; without it cargo builds it"},
     )
     bench.say(f"gpu: {gpu()}")
     bench.report(measure(options), options)
