@@ -37,9 +37,9 @@ use tokio_util::sync::CancellationToken;
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  herd reproduce --run-dir runs/paper --quick          about a quarter of an hour on two cores
-  herd reproduce --run-dir runs/paper-full             well under an hour
-  herd reproduce --run-dir runs/paper-full --ablations what each part of the learner does, an hour more
+  herd reproduce --run-dir runs/paper --quick          seven minutes on two cores
+  herd reproduce --run-dir runs/paper-full             half an hour
+  herd reproduce --run-dir runs/paper-full --ablations what each part of the learner does, twenty minutes more
   herd reproduce --run-dir runs/paper-full --stages report
 The report is DIR/report/index.html, its figures lie beside it as SVG and PNG, its numbers in report.json.")]
 pub(crate) struct Args {
