@@ -12,7 +12,7 @@ use herd_common::config;
 use herd_common::seed::Seed;
 use herd_common::spaces::Dims;
 use herd_common::transition;
-use rand::RngExt;
+use rand::{Rng, RngExt};
 
 pub(super) const DIMS: Dims = Dims { observation: 5, action: 2 };
 pub(super) const PLAIN: [&str; 4] =
@@ -33,11 +33,9 @@ pub(super) fn learner(sets: &[&str]) -> Ddpg {
 }
 
 /// Transitions whose every number is uniform in [−1, 1]; each fourth is a true ending.
-pub(super) fn random_replay(n: usize, dims: Dims) -> Replay {
-    let mut rng = Seed::from_number(6).rng();
+pub(super) fn random_transitions(n: usize, dims: Dims, rng: &mut impl Rng) -> transition::Batch {
     let mut column = |width: usize| (0..n * width).map(|_| rng.random_range(-1.0_f32..1.0)).collect();
-    let mut replay = Replay::new(n, dims.observation, dims.action);
-    replay.push(&transition::Batch {
+    transition::Batch {
         observation_dim: dims.observation,
         action_dim: dims.action,
         observations: column(dims.observation),
@@ -45,7 +43,13 @@ pub(super) fn random_replay(n: usize, dims: Dims) -> Replay {
         rewards: column(1),
         discounts: (0..n).map(|i| if i % 4 == 0 { 0.0 } else { 0.9 }).collect(),
         next_observations: column(dims.observation),
-    });
+    }
+}
+
+/// A memory full of them.
+pub(super) fn random_replay(n: usize, dims: Dims) -> Replay {
+    let mut replay = Replay::new(n, dims.observation, dims.action);
+    replay.push(&random_transitions(n, dims, &mut Seed::from_number(6).rng()));
     replay
 }
 

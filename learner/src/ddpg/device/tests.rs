@@ -70,6 +70,32 @@ fn updates_agree_with_those_of_the_cpu() {
     }
 }
 
+/// Sums over a minibatch in three parts, the last shorter than the others.
+#[test]
+fn sums_in_parts_agree_with_those_of_the_cpu() {
+    let replay = random_replay(300, DIMS);
+    for sets in [PLAIN, TD3] {
+        let sets = [&sets[..], &["ddpg.batch_size=250"]].concat();
+        let (mut cpu, mut device) = (learner(&sets), on_device(&sets));
+        assert_updates_alike(&learn(&mut device, &replay, 4, 4), &run(&mut cpu, &replay, 4));
+        assert_alike(&device.save().unwrap(), &cpu.save().unwrap(), 1e-4);
+    }
+}
+
+#[test]
+fn the_copy_of_a_memory_that_goes_round_is_the_memory() {
+    for sets in [PLAIN, PRIORITISED] {
+        let sets = [&sets[..], &["ddpg.replay_capacity=50"]].concat();
+        let (mut cpu, mut device) = (learner(&sets), on_device(&sets));
+        let (mut replay, mut rng) = (Replay::new(50, DIMS.observation, DIMS.action), Seed::from_number(8).rng());
+        for _ in 0..10 {
+            replay.push(&random_transitions(17, DIMS, &mut rng));
+            assert_updates_alike(&learn(&mut device, &replay, 3, 3), &run(&mut cpu, &replay, 3));
+        }
+        assert_alike(&device.save().unwrap(), &cpu.save().unwrap(), 1e-3);
+    }
+}
+
 #[test]
 fn updates_that_go_together_are_those_that_go_alone() {
     let replay = random_replay(300, DIMS);
