@@ -58,10 +58,12 @@ pub const JOURNAL_RECORD_BYTES: usize = 64 << 20;
 pub const CHECKPOINTS_KEPT: usize = 3;
 /// Consecutive updates skipped for a non-finite loss before training stops.
 pub const SKIPPED_UPDATES: u32 = 100;
-/// Updates that a GPU is given at once; nobody waits for an answer in between.
-pub const UPDATES_PER_UPLOAD: usize = 64;
-/// Transitions that one upload to a GPU may hold, 64 MB with the gait's spaces; a single update may be larger.
-pub const TRANSITIONS_PER_UPLOAD: usize = 1 << 17;
+/// Updates that a GPU is given in one round; nobody waits for an answer, or looks at commands, in between.
+pub const UPDATES_PER_ROUND: usize = 64;
+/// Transitions in the minibatches of one round, so that large ones do not make it longer; a single one may be larger.
+pub const TRANSITIONS_PER_ROUND: usize = 1 << 17;
+/// Numbers of networks and minibatch on a GPU: its kernels count places in 32 bits.
+pub const DEVICE_NUMBERS: usize = u32::MAX as usize;
 /// Decisions that one learned transition may fold (n-step returns).
 pub const FOLDED_DECISIONS: usize = 64;
 /// Recent episodes that status averages over.

@@ -257,8 +257,8 @@ impl OnDevice {
 
 /// Updates that may go together.
 fn updates_at_once(config: &Config) -> usize {
-    let fit = caps::TRANSITIONS_PER_UPLOAD / config.batch_size;
-    if config.priority_alpha > 0.0 { 1 } else { fit.clamp(1, caps::UPDATES_PER_UPLOAD) }
+    let fit = caps::TRANSITIONS_PER_ROUND / config.batch_size;
+    if config.priority_alpha > 0.0 { 1 } else { fit.clamp(1, caps::UPDATES_PER_ROUND) }
 }
 
 fn machine(device: Device, len: usize, config: &Config) -> Result<Box<dyn Machine>, Error> {

@@ -111,7 +111,7 @@ fn updates_that_go_together_are_those_that_go_alone() {
     let mut prioritised = on_device(&PRIORITISED);
     assert_eq!(prioritised.learn(&replay, 13).unwrap().len(), 1, "each draw needs the last one's errors");
     let mut endless = on_device(&PLAIN);
-    assert_eq!(endless.learn(&replay, u64::MAX).unwrap().len(), caps::UPDATES_PER_UPLOAD);
+    assert_eq!(endless.learn(&replay, u64::MAX).unwrap().len(), caps::UPDATES_PER_ROUND);
 }
 
 /// Batches for which a GPU takes small tiles and medium ones. Gradients are told by the means of a first step. Of so many
