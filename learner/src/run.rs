@@ -110,7 +110,7 @@ pub async fn run(options: Options, shutdown: CancellationToken) -> Result<Ended,
         return Err(Error::Exposed(options.listen));
     }
     let config = effective_config(Some(&options.run_dir), options.config_file.as_deref(), &options.sets)?;
-    Learner::check(&config.ddpg).map_err(Error::Device)?;
+    Learner::check(&config.ddpg, config.task.kind.dims()).map_err(Error::Device)?;
     let listener =
         TcpListener::bind(options.listen).await.map_err(|source| Error::Listen { address: options.listen, source })?;
     let dir = RunDir::open(&options.run_dir, &config)?;

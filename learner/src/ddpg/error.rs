@@ -1,5 +1,7 @@
 //! What can go wrong in the learner's core.
 
+use herd_common::caps;
+
 /// Why the learner cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -47,13 +49,16 @@ pub enum Error {
         "config: `ddpg.device` is \"cuda\", expected \"cpu\": this herd was built without the feature `cuda` (docs/gpu.md)"
     )]
     NoCuda,
-    /// There is no GPU, its driver does not fit, or it failed.
+    /// There is no GPU, or it, its driver or NVRTC does not fit.
     #[error("config: `ddpg.device` is \"cuda\", but no GPU can be used: {0}")]
-    Gpu(String),
+    NoGpu(String),
+    /// A GPU that could be used failed.
+    #[error("the GPU failed: {0}")]
+    GpuFailed(String),
     /// The networks at work on a minibatch need more numbers than a device is laid out for.
     #[error(
         "config: `ddpg.batch_size` and `ddpg.hidden` ask for {found} numbers on a device, expected at most {}",
-        u32::MAX
+        caps::DEVICE_NUMBERS
     )]
     TooLarge {
         /// Numbers in all.

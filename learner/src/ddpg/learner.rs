@@ -28,11 +28,11 @@ impl Learner {
         })
     }
 
-    /// Fails if this program or machine cannot compute where `ddpg.device` says.
-    pub fn check(config: &Config) -> Result<(), Error> {
+    /// Fails if this program or machine cannot compute such networks where `ddpg.device` says.
+    pub fn check(config: &Config, dims: Dims) -> Result<(), Error> {
         match config.device {
             Device::Cpu => Ok(()),
-            Device::Cuda => device::Device::Cuda.check(),
+            Device::Cuda => OnDevice::check(config, dims, device::Device::Cuda),
         }
     }
 

@@ -99,7 +99,7 @@ impl Network {
     }
 
     /// What follows the last layer's sum.
-    pub(super) fn activation(&self) -> Activation {
+    fn activation(&self) -> Activation {
         self.layers.last().expect("a network has a layer").activation
     }
 

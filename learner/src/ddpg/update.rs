@@ -64,6 +64,29 @@ pub struct Ddpg {
     room: Vec<Piece>,
 }
 
+/// The networks that a configuration asks for. A critic's last layer is linear.
+pub(super) struct Shapes {
+    /// Widths, input first.
+    pub(super) actor: Vec<usize>,
+    /// What follows the actor's last sum.
+    pub(super) squash: Activation,
+    /// Widths of every critic.
+    pub(super) critic: Vec<usize>,
+    pub(super) critics: u64,
+}
+
+impl Shapes {
+    pub(super) fn new(config: &Config, dims: Dims) -> Self {
+        let widths = |input, output| [&[input], config.hidden.as_slice(), &[output]].concat();
+        Self {
+            actor: widths(dims.observation, dims.action),
+            squash: if config.open_box { Activation::OpenTanh } else { Activation::Tanh },
+            critic: widths(dims.observation + dims.action, 1),
+            critics: if config.twin_critic { 2 } else { 1 },
+        }
+    }
+}
+
 /// What one update found out before it changes a weight; the gradients themselves stand in the networks.
 pub(super) struct Findings {
     pub(super) update: Update,
@@ -78,12 +101,8 @@ pub(super) struct Findings {
 impl Ddpg {
     /// Fresh networks; every random number descends from `seed`.
     pub fn new(config: &Config, dims: Dims, seed: Seed) -> Result<Self, Error> {
-        let widths = |input, output| [&[input], config.hidden.as_slice(), &[output]].concat();
+        let Shapes { actor, squash, critic, critics } = Shapes::new(config, dims);
         let head = |activation| Head { activation, init: config.output_init };
-        let actor = widths(dims.observation, dims.action);
-        let critic = widths(dims.observation + dims.action, 1);
-        let critics = if config.twin_critic { 2 } else { 1 };
-        let squash = if config.open_box { Activation::OpenTanh } else { Activation::Tanh };
         let actor = Network::new(&actor, head(squash), seed.child("actor", 0));
         let critics: Vec<Network> =
             (0..critics).map(|i| Network::new(&critic, head(Activation::Linear), seed.child("critic", i))).collect();

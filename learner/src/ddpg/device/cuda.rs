@@ -97,7 +97,7 @@ pub(super) fn check() -> Result<(), Error> {
 
 fn gpu() -> Result<&'static Gpu, Error> {
     static GPU: OnceLock<Result<Gpu, String>> = OnceLock::new();
-    GPU.get_or_init(Gpu::new).as_ref().map_err(|error| Error::Gpu(error.clone()))
+    GPU.get_or_init(Gpu::new).as_ref().map_err(|error| Error::NoGpu(error.clone()))
 }
 
 impl Gpu {
@@ -114,6 +114,10 @@ impl Gpu {
         // SAFETY: every slice stays with the stream that made it.
         unsafe { context.disable_event_tracking() };
         let (major, minor) = context.compute_capability().map_err(text)?;
+        // The kernels copy in the background, which older ones cannot.
+        if major < 8 {
+            return Err(format!("its compute capability is {major}.{minor}, expected 8.0 or later"));
+        }
         let options = vec![format!("--gpu-architecture=compute_{major}{minor}")];
         let options = CompileOptions { options, ..CompileOptions::default() };
         let ptx = compile_ptx_with_opts(include_str!("kernels.cu"), options).map_err(text)?;
@@ -264,5 +268,5 @@ fn text(error: impl Display) -> String {
 }
 
 fn failed(error: impl Display) -> Error {
-    Error::Gpu(text(error))
+    Error::GpuFailed(text(error))
 }

@@ -42,7 +42,7 @@ pub enum Device {
 
 impl Device {
     /// Fails if this program or machine has none.
-    pub fn check(self) -> Result<(), Error> {
+    fn check(self) -> Result<(), Error> {
         match self {
             Self::Host => Ok(()),
             #[cfg(feature = "cuda")]
@@ -86,12 +86,9 @@ pub struct OnDevice {
 impl OnDevice {
     /// The networks that `Ddpg::new` starts with, on this device.
     pub fn new(config: &Config, dims: Dims, seed: Seed, device: Device) -> Result<Self, Error> {
+        let plan = Plan::new(config, dims, updates_at_once(config))?;
         device.check()?;
         let model = Ddpg::new(config, dims, seed)?;
-        let plan = Plan::new(config, dims, &model, updates_at_once(config));
-        if u32::try_from(plan.len).is_err() {
-            return Err(Error::TooLarge { found: plan.len });
-        }
         let mut fresh = Self {
             config: config.clone(),
             dims,
@@ -105,6 +102,12 @@ impl OnDevice {
         fresh.machine.write(fresh.plan.weights, &vec![1.0; config.batch_size])?;
         fresh.load(&model.save()?)?;
         Ok(fresh)
+    }
+
+    /// Fails if this program or machine has no such device, or networks and minibatch are too large for any.
+    pub fn check(config: &Config, dims: Dims, device: Device) -> Result<(), Error> {
+        Plan::new(config, dims, updates_at_once(config))?;
+        device.check()
     }
 
     /// Updates so far, skipped ones included.

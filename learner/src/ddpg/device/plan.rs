@@ -3,12 +3,13 @@
 //! What does not depend on each other goes together: a layer of all networks at once, then all weights' gradients. Two
 //! lists are kept, one for updates that leave the actor alone.
 
+use super::super::error::Error;
 use super::super::kernels::Activation;
-use super::super::networks;
 use super::super::optimizer::kept;
-use super::super::rows::{Row, Span};
-use super::super::update::Ddpg;
+use super::super::rows::{Row, Span, parameters, spans};
+use super::super::update::Shapes;
 use super::launches::{Gather, Launch, Losses, Mode, Moved, NETWORKS, PRODUCTS, Product, REPORT, Step};
+use herd_common::caps;
 use herd_common::config::ddpg::Config;
 use herd_common::spaces::Dims;
 
@@ -71,8 +72,9 @@ impl Arena {
     fn take(&mut self, count: usize) -> u32 {
         let at = self.0.next_multiple_of(ALIGNMENT);
         self.0 = at + count;
-        // The caller refuses an arena that u32 cannot address before anything is done with it.
-        at as u32
+        // `Plan::new` refuses an arena that is too large once it has counted all of it. Until then what does not fit
+        // stands at 0, so that no place within it leaves u32.
+        if self.0 <= caps::DEVICE_NUMBERS { at as u32 } else { 0 }
     }
 
     fn matrix(&mut self, rows: usize, columns: usize) -> Matrix {
@@ -81,24 +83,26 @@ impl Arena {
 }
 
 impl Plan {
-    /// For networks like the model's and so many updates at once.
-    pub(super) fn new(config: &Config, dims: Dims, model: &Ddpg, updates: usize) -> Self {
-        let n = config.batch_size;
+    /// For these networks and so many updates at once. Fails if that is more than a device is laid out for; nothing of
+    /// the size is allocated here.
+    pub(super) fn new(config: &Config, dims: Dims, updates: usize) -> Result<Self, Error> {
+        let (n, shapes) = (config.batch_size, Shapes::new(config, dims));
         // A place of 0 stands for none.
         let mut arena = Arena(1);
         let schedule = arena.take(2 * (2 * updates + updates + 1));
         let (rates, taken) = (schedule, schedule + 4 * updates as u32);
         let parts = (n as u32 / PART_ROWS).clamp(1, PARTS);
-        let mut place = |network, who: u32, keep: f64| {
-            let mut place = Place::new(network, parts, &mut arena);
+        let mut place = |widths: &[usize], activation, who: u32, keep: f64| {
+            let mut place = Place::new(spans(widths), activation, parts, &mut arena);
             place.moved.rates = rates + who * 2 * updates as u32;
             place.moved.taken = taken + who * (updates as u32 + 1);
             place.moved.keep = keep as f32;
             place
         };
         let keep = kept(config.critic_rate, config.critic_decay);
-        let critics: Vec<Place> = model.critics.iter().map(|critic| place(critic, 0, keep)).collect();
-        let actor = place(&model.actor, 1, 1.0);
+        let critics: Vec<Place> =
+            (0..shapes.critics).map(|_| place(&shapes.critic, Activation::Linear, 0, keep)).collect();
+        let actor = place(&shapes.actor, shapes.squash, 1, 1.0);
         let inputs = || (n, dims.observation + dims.action);
         let [own, next, both] = [inputs(), inputs(), inputs()].map(|(n, width)| arena.matrix(n, width));
         let column = |arena: &mut Arena| arena.take(n);
@@ -129,14 +133,17 @@ impl Plan {
             *program = work.program(&gather, Losses { moves_actor: moves_actor.into(), ..losses }, config);
         }
         plan.len = arena.0;
-        plan
+        if plan.len > caps::DEVICE_NUMBERS {
+            return Err(Error::TooLarge { found: plan.len });
+        }
+        Ok(plan)
     }
 }
 
 impl Place {
     /// Its rates, counts and decay are told later.
-    fn new(model: &networks::Network, parts: u32, arena: &mut Arena) -> Self {
-        let parameters = model.parameters();
+    fn new(spans: Vec<Span>, activation: Activation, parts: u32, arena: &mut Arena) -> Self {
+        let parameters = parameters(&spans);
         let stride = parameters.next_multiple_of(ALIGNMENT);
         let mut moved = Moved {
             rows: arena.take(Row::LASTING.len() * stride),
@@ -150,7 +157,7 @@ impl Place {
             keep: 1.0,
         };
         moved.squares = arena.take(moved.blocks() as usize);
-        Self { spans: model.spans().to_vec(), activation: model.activation(), moved }
+        Self { spans, activation, moved }
     }
 
     fn layers(&self) -> usize {

@@ -237,11 +237,26 @@ fn memories_of_other_spaces_are_refused() {
     assert!(matches!(device.learn(&other, 1), Err(Error::Dims { found: 3, .. })));
 }
 
+#[test]
+fn what_no_device_has_places_for_is_refused_before_it_is_allocated() {
+    let config = config(&["ddpg.device=cuda", "ddpg.batch_size=65536", "ddpg.hidden=[8192, 8192]"]);
+    for checked in [
+        super::super::Learner::check(&config, DIMS),
+        OnDevice::check(&config, DIMS, Device::Host),
+        OnDevice::new(&config, DIMS, Seed::from_number(5), Device::Host).map(|_| ()),
+    ] {
+        let error = checked.unwrap_err();
+        // Seven passes through two layers, four of them there and back: 22 · 65536 · 8192 numbers.
+        assert!(matches!(error, Error::TooLarge { found } if found > 2 * caps::DEVICE_NUMBERS), "{error}");
+        assert!(error.to_string().contains("`ddpg.batch_size` and `ddpg.hidden`"), "{error}");
+    }
+}
+
 #[cfg(not(feature = "cuda"))]
 #[test]
 fn a_gpu_without_the_feature_is_refused_by_name() {
     let config = config(&["ddpg.device=cuda"]);
     let error = super::super::Learner::new(&config, DIMS, Seed::from_number(5)).unwrap_err();
     assert!(matches!(error, Error::NoCuda));
-    assert!(super::super::Learner::check(&config).unwrap_err().to_string().contains("feature `cuda`"));
+    assert!(super::super::Learner::check(&config, DIMS).unwrap_err().to_string().contains("feature `cuda`"));
 }
