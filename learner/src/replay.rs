@@ -167,7 +167,12 @@ impl Replay {
 
     /// Numbers of one row.
     pub fn row_width(&self) -> usize {
-        2 * self.observation_dim + self.action_dim + 2
+        Self::width(self.observation_dim, self.action_dim)
+    }
+
+    /// Numbers of one row of a memory for these lengths.
+    pub fn width(observation_dim: usize, action_dim: usize) -> usize {
+        2 * observation_dim + action_dim + 2
     }
 
     /// Makes room for one more transition, at the cost of the oldest if need be.

@@ -219,9 +219,15 @@ impl Machine for Cuda {
     }
 
     fn make_room(&mut self, numbers: usize) -> Result<(), Error> {
-        // Graphs hold the old one's address.
+        if self.memory.len() >= numbers {
+            return Ok(());
+        }
+        // Graphs hold the old one's address. It goes first: there may be no room for both.
         self.graphs = [None, None];
-        self.memory = self.stream.alloc_zeros(numbers).map_err(failed)?;
+        self.memory = self.stream.alloc_zeros(1).map_err(failed)?;
+        self.memory = self.stream.alloc_zeros(numbers).map_err(|error| {
+            Error::GpuFailed(format!("no room for {numbers} numbers of the replay memory: {error}"))
+        })?;
         Ok(())
     }
 

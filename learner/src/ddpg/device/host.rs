@@ -182,7 +182,9 @@ impl Machine for Host {
     }
 
     fn make_room(&mut self, numbers: usize) -> Result<(), Error> {
-        self.memory = vec![0.0; numbers];
+        if self.memory.len() < numbers {
+            self.memory = vec![0.0; numbers];
+        }
         Ok(())
     }
 

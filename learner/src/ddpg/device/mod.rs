@@ -59,7 +59,7 @@ trait Machine: Debug + Send {
     fn write(&mut self, at: u32, numbers: &[f32]) -> Result<(), Error>;
     /// Numbers of the arena, once all is done.
     fn read(&self, at: u32, count: usize) -> Result<Vec<f32>, Error>;
-    /// Makes room for a replay memory of so many numbers and forgets the old one.
+    /// Makes room for a replay memory of so many numbers, and forgets the old one if that is too small.
     fn make_room(&mut self, numbers: usize) -> Result<(), Error>;
     /// Puts numbers into the copy of the replay memory.
     fn remember(&mut self, at: usize, numbers: &[f32]) -> Result<(), Error>;
@@ -99,6 +99,8 @@ impl OnDevice {
             priorities: model.priorities.clone(),
             remembered: None,
         };
+        // Now, so that a lack of memory shows before the run does.
+        fresh.machine.make_room(config.replay_capacity * Replay::width(dims.observation, dims.action))?;
         fresh.machine.write(fresh.plan.weights, &vec![1.0; config.batch_size])?;
         fresh.load(&model.save()?)?;
         Ok(fresh)
