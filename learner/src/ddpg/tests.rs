@@ -5,7 +5,7 @@ use super::networks::tests::{assert_close, by_column, recorded_forward, tensors,
 use super::rows;
 use super::strips::Strips;
 use super::update::{Ddpg, Update, smoothing};
-use super::{Error, kernels::Activation, losses};
+use super::{Error, Snapshot, kernels::Activation, losses};
 use crate::replay::{Replay, Row};
 use candle_core::Tensor;
 use herd_common::config;
@@ -56,6 +56,14 @@ pub(super) fn random_replay(n: usize, dims: Dims) -> Replay {
 /// Every number of the learner, as bits.
 fn bits(ddpg: &Ddpg) -> Vec<u32> {
     ddpg.save().unwrap().records.iter().flat_map(|record| record.values.iter().map(|x| x.to_bits())).collect()
+}
+
+/// A snapshot whose second target critic answers inf − inf to everything, and whose every number is finite.
+pub(super) fn with_a_target_that_is_no_number(mut snapshot: Snapshot) -> Snapshot {
+    for name in ["critic1.target.1.weight", "critic1.target.1.bias"] {
+        snapshot.records.iter_mut().find(|record| record.name == name).expect("a tensor").values.fill(f32::MAX);
+    }
+    snapshot
 }
 
 pub(super) fn run(ddpg: &mut Ddpg, replay: &Replay, updates: usize) -> Vec<Update> {
@@ -244,6 +252,16 @@ fn an_update_that_is_not_finite_changes_nothing_and_is_counted() {
     assert!(!ddpg.update(&good).unwrap().skipped);
     let last = (0..herd_common::caps::SKIPPED_UPDATES).map(|_| ddpg.update(&bad)).last().unwrap();
     assert!(matches!(last, Err(Error::Diverged { skipped: herd_common::caps::SKIPPED_UPDATES, update: 105 })));
+}
+
+#[test]
+fn a_second_critic_whose_targets_are_no_numbers_is_not_passed_over() {
+    let mut ddpg = learner(&TD3);
+    ddpg.load(&with_a_target_that_is_no_number(ddpg.save().unwrap())).unwrap();
+    let (before, replay) = (bits(&ddpg), random_replay(100, DIMS));
+    let update = ddpg.update(&replay).unwrap();
+    assert!(update.skipped && update.critic_loss.is_nan(), "{update:?}");
+    assert_eq!(bits(&ddpg), before);
 }
 
 #[test]

@@ -224,15 +224,9 @@ impl Ddpg {
             smooth(&mut actions, &self.config, rng);
         }
         batch.set_next_actions(&actions);
-        let mut lowest: Option<Tensor> = None;
-        for critic in &self.critics {
-            let values = column(critic.answer(Row::Target, batch.next_inputs()).row(0))?;
-            lowest = Some(match lowest {
-                None => values,
-                Some(lowest) => lowest.minimum(&values)?,
-            });
-        }
-        let next_values = lowest.expect("there is at least one critic");
+        let values = self.critics.iter().map(|critic| critic.answer(Row::Target, batch.next_inputs()).row(0));
+        let lowest = values.reduce(|a, b| a.into_iter().zip(b).map(|(a, b)| lower(a, b)).collect());
+        let next_values = column(lowest.expect("there is at least one critic"))?;
         Ok(losses::targets(batch.rewards(), batch.discounts(), &next_values)?)
     }
 
@@ -291,6 +285,11 @@ fn answer(network: &Network, input: &[f32]) -> Vec<f32> {
     input.iter().enumerate().for_each(|(row, number)| x.set_row(row, &[*number]));
     let answer = network.answer(Row::Online, &x);
     (0..answer.rows()).map(|row| answer.view().at(row, 0)).collect()
+}
+
+/// The lower of two values; NaN if either is, so that the update is skipped whichever critic is out of order.
+fn lower(first: f32, second: f32) -> f32 {
+    if second < first || second.is_nan() { second } else { first }
 }
 
 /// `[1, n]` of `[n, 1]`.

@@ -199,6 +199,16 @@ fn a_poisoned_batch_changes_nothing_and_is_counted() {
 }
 
 #[test]
+fn targets_that_are_no_numbers_change_nothing_here_either() {
+    let mut device = on_device(&TD3);
+    device.load(&with_a_target_that_is_no_number(device.save().unwrap())).unwrap();
+    let before = device.save().unwrap();
+    let found = device.learn(&random_replay(100, DIMS), 1).unwrap();
+    assert!(found[0].skipped && found[0].critic_loss.is_nan(), "{found:?}");
+    assert_eq!(bits(&device.save().unwrap()), bits(&before));
+}
+
+#[test]
 fn updates_between_poisoned_ones_are_those_of_the_cpu() {
     // Of 16 draws from 200 transitions, 5 of them bad, two thirds are good throughout.
     let replay = poisoned(195, 5);
