@@ -150,13 +150,14 @@ impl Replay {
         &self.identity
     }
 
-    /// The transitions that were pushed after the first `pushed` ones and are held: the slot of a first one, then its row
-    /// and those that follow in memory, observation, next observation, action, reward and discount each.
+    /// The transitions that were pushed after the first `pushed` ones and are held, if there are any:
+    /// the slot of a first one, then its row and those that follow in memory, observation, next observation, action,
+    /// reward and discount each.
     pub fn since(&self, pushed: u64) -> impl Iterator<Item = (usize, &[f32])> {
         let (width, capacity) = (self.row_width(), self.capacity);
         let mut number = pushed.max(self.pushed - self.len as u64);
         std::iter::from_fn(move || {
-            let missing = usize::try_from(self.pushed - number).expect("no more than are held");
+            let missing = usize::try_from(self.pushed.saturating_sub(number)).expect("no more than are held");
             let slot = (number % capacity as u64) as usize;
             let row = slot % BLOCK_ROWS;
             let together = missing.min(BLOCK_ROWS - row).min(capacity - slot);
@@ -263,6 +264,7 @@ mod tests {
                 }
                 known = replay.pushed();
                 prop_assert!(copied as u64 <= known, "{} copied of {}", copied, known);
+                prop_assert_eq!(replay.since(known + n as u64).count(), 0, "nothing is newer than the newest");
             }
             for age_rank in 0..replay.len() {
                 let (row, found) = (replay.row(age_rank), &copy[replay.slot(age_rank) * replay.row_width()..]);

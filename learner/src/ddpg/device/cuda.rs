@@ -1,8 +1,8 @@
 //! The launches of an update on a GPU: kernels compiled when first needed, an update replayed as a CUDA graph.
 //!
 //! All work of one machine goes through one stream, in order. This is the one file of herd with `unsafe` in it: what a
-//! kernel does with its arguments is out of Rust's sight. `launches` says what they are, the tests hold their results
-//! against `host`.
+//! kernel does with its arguments is out of Rust's sight. `launches` says what they are; the tests hold what becomes of
+//! the networks against the CPU's trainer, as they do with `host`.
 
 #![expect(unsafe_code, reason = "launching kernels")]
 
@@ -68,8 +68,10 @@ pub(super) struct Cuda {
     feed: CudaSlice<u32>,
     reward_scale: f32,
     /// By the program's number, once it has run.
-    graphs: [Option<CudaGraph>; 2],
+    graphs: [Option<Graph>; 2],
 }
+
+struct Graph(CudaGraph);
 
 #[derive(Clone, Copy)]
 #[repr(C)]
@@ -87,8 +89,8 @@ unsafe impl DeviceRepr for Losses {}
 unsafe impl DeviceRepr for Products {}
 // SAFETY: as above.
 unsafe impl DeviceRepr for AllMoved {}
-// SAFETY: graphs are not tied to a thread, and only `&mut self` uses them.
-unsafe impl Send for Cuda {}
+// SAFETY: graphs are not tied to a thread, and only the `&mut self` of their machine uses them.
+unsafe impl Send for Graph {}
 
 /// Fails without a GPU that herd can use.
 pub(super) fn check() -> Result<(), Error> {
@@ -199,8 +201,9 @@ impl Cuda {
             }
         }
         let shape = LaunchConfig { grid_dim: (blocks, 1, 1), block_dim: (threads, 1, 1), shared_mem_bytes: 0 };
-        // SAFETY: the arguments are those that the kernel declares; the places in them lie in the arena, as `Plan` laid
-        // it out.
+        // SAFETY: the arguments are those that the kernel declares. Places in them lie in the arena, as `Plan` laid it
+        // out. The feed holds an update's number, below as many as the arena has room for, then for each of n transitions
+        // a slot, which `OnDevice::remember` has filled in the memory before.
         unsafe { call.launch(shape) }.map(|_| ()).map_err(failed)
     }
 }
@@ -238,15 +241,15 @@ impl Machine for Cuda {
     fn run(&mut self, number: usize, program: &[Launch], feed: &[u32]) -> Result<(), Error> {
         self.stream.memcpy_htod(feed, &mut self.feed).map_err(failed)?;
         if let Some(graph) = &self.graphs[number] {
-            return graph.launch().map_err(failed);
+            return graph.0.launch().map_err(failed);
         }
         // The first time as they are: a kernel must not be loaded while a graph is captured.
         program.iter().try_for_each(|launch| self.launch(launch))?;
         self.stream.begin_capture(CUstreamCaptureMode::CU_STREAM_CAPTURE_MODE_THREAD_LOCAL).map_err(failed)?;
         let launched = program.iter().try_for_each(|launch| self.launch(launch));
-        let graph = self.stream.end_capture(CUgraphInstantiate_flags(0)).map_err(failed)?;
+        let graph = self.stream.end_capture(CUgraphInstantiate_flags(0));
         launched?;
-        self.graphs[number] = graph;
+        self.graphs[number] = graph.map_err(failed)?.map(Graph);
         Ok(())
     }
 }

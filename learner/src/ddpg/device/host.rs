@@ -1,4 +1,4 @@
-//! The launches of an update on the calling thread, number by number: what every build can test, and a GPU is held to.
+//! The launches of an update on the calling thread, number by number, so that every build can test plans.
 
 use super::super::error::Error;
 use super::super::kernels::Activation;

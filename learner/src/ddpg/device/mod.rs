@@ -3,9 +3,9 @@
 //! What is random happens on the host, as it does for the CPU's trainer, so both draw the same minibatches and noise.
 //! The device has a copy of the replay memory, so a minibatch is sent as slots. Updates are queued one behind the other
 //! while the host draws the next; what they found comes back in one transfer when the last is through. Nothing waits in
-//! between: an update whose losses or gradients are not finite undoes itself on the device, and is counted when that is
-//! read. How many go together does not show in the bits. Prioritised replay draws by what the last update found, so there
-//! they go one by one.
+//! between: an update whose losses or gradients are not finite changes nothing on the device, and is counted when that
+//! is read. How many go together does not show in the bits. Prioritised replay draws by what the last update found, so
+//! there they go one by one.
 //!
 //! `plan` says what an update is, `cuda` does it on a GPU, `host` on the calling thread, for tests.
 
@@ -34,7 +34,7 @@ use std::fmt::Debug;
 /// What computes the launches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Device {
-    /// The calling thread, slowly: to hold a GPU's numbers against.
+    /// The calling thread, slowly: for tests, in every build.
     Host,
     /// The first GPU; `CUDA_VISIBLE_DEVICES` says which that is.
     Cuda,
@@ -165,8 +165,8 @@ impl OnDevice {
             self.machine.run(program, &self.plan.programs[program], &feed)?;
         }
         let report = self.machine.read(self.plan.report, count * REPORT)?;
-        let errors = if draws.is_empty() { 0 } else { self.config.batch_size };
-        let errors = self.machine.read(self.plan.errors, errors)?;
+        let errors =
+            if draws.is_empty() { Vec::new() } else { self.machine.read(self.plan.errors, self.config.batch_size)? };
         report.chunks_exact(REPORT).map(|report| self.account(report, &errors, &draws)).collect()
     }
 
