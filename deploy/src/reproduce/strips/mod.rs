@@ -49,6 +49,9 @@ const LEFT: f64 = 16.0;
 const NAME: f64 = 30.0;
 const STROBE: f64 = 128.0;
 const FILM: f64 = 100.0;
+/// Height above its ground (m) of a robot that fits into these; one that leaps takes more room.
+const STROBE_HEADROOM: f64 = 0.26;
+const FILM_HEADROOM: f64 = 0.36;
 /// Below a ground, for ticks and what is told there.
 const FOOT: f64 = 34.0;
 /// Pixels of a metre in the stroboscope, and x of its left edge, m.
@@ -60,6 +63,7 @@ const STROBE_POSES: usize = 8;
 const LABEL: f64 = 44.0;
 /// Cells of the film.
 const CELLS: usize = 8;
+const CELL: f64 = (WIDTH - 2.0 * LEFT) / CELLS as f64;
 /// Pixels of a metre in the film, from the right and from behind, where legs spread when pushed.
 const FILM_SCALE: f64 = 170.0;
 const BEHIND_SCALE: f64 = 150.0;
@@ -79,7 +83,7 @@ pub(super) fn draw(strips: &[Strip<'_>]) -> String {
             top += strip.stroboscope_height();
         }
         body += &strip.film(top);
-        top += FILM;
+        top += strip.film_height();
     }
     sheet((WIDTH, top + 8.0), &body)
 }
@@ -94,7 +98,13 @@ impl Strip<'_> {
 
     fn stroboscope_height(&self) -> f64 {
         let (low, high) = self.relief();
-        STROBE + STROBE_SCALE * (high - low)
+        let top = self.poses().into_iter().map(highest).fold(high, f64::max);
+        STROBE + STROBE_SCALE * (high - low + (top - high - STROBE_HEADROOM).max(0.0))
+    }
+
+    /// Those that the stroboscope shows.
+    fn poses(&self) -> Vec<&Frame> {
+        self.every(0.0, self.pace.strobe, STROBE_POSES).into_iter().take_while(|frame| seen(frame)).collect()
     }
 
     fn stroboscope(&self, top: f64) -> String {
@@ -108,8 +118,7 @@ impl Strip<'_> {
             let _ = writeln!(svg, "<path class=\"grid\" d=\"M{x:.1} {y:.1}v6\" stroke=\"#888\"/>");
             svg += &text((x, y + 20.0), "middle", &format!("{:.1} m", f64::from(half_metre) * 0.5));
         }
-        let poses: Vec<&Frame> = self.every(0.0, self.pace.strobe, STROBE_POSES);
-        let poses: Vec<&Frame> = poses.into_iter().take_while(|frame| seen(frame)).collect();
+        let poses = self.poses();
         let mut label_from = f64::MIN;
         for (index, frame) in poses.iter().enumerate() {
             let share = (index + 1) as f64 / poses.len() as f64;
@@ -131,23 +140,45 @@ impl Strip<'_> {
         svg
     }
 
-    fn film(&self, top: f64) -> String {
-        let (width, bottom) = ((WIDTH - 2.0 * LEFT) / CELLS as f64, top + FILM - FOOT);
+    /// Pictures of the film.
+    fn cells(&self) -> Vec<&Frame> {
         let end = self.frames.last().map_or(0.0, |frame| frame.secs);
         let long = end >= self.pace.film * (CELLS - 1) as f64;
         // An episode that is soon over is shown picture by picture.
         let step = if long { self.pace.film } else { FRAME_SECS };
         let length = step * (CELLS - 1) as f64;
-        let start = self.pace.film_from.min((end - length).max(0.0));
-        let scale = if self.eye == Eye::Right { FILM_SCALE } else { BEHIND_SCALE };
+        self.every(self.pace.film_from.min((end - length).max(0.0)), step, CELLS)
+    }
+
+    fn film_scale(&self) -> f64 {
+        if self.eye == Eye::Right { FILM_SCALE } else { BEHIND_SCALE }
+    }
+
+    /// Half of what a cell shows across, m.
+    fn cell_half(&self) -> f64 {
+        CELL / 2.0 / self.film_scale()
+    }
+
+    /// The height that the camera takes for the ground, m.
+    fn level(&self, frame: &Frame) -> f64 {
+        let (middle, half) = (self.eye.across(&frame.centre), self.cell_half());
+        let around = (-LEVELS..=LEVELS).map(|i| middle + half * f64::from(i) / f64::from(LEVELS));
+        around.map(|x| self.height(self.eye, x)).sum::<f64>() / f64::from(2 * LEVELS + 1)
+    }
+
+    fn film_height(&self) -> f64 {
+        let above = self.cells().into_iter().map(|frame| highest(frame) - self.level(frame));
+        FILM + self.film_scale() * (above.fold(0.0, f64::max) - FILM_HEADROOM).max(0.0)
+    }
+
+    fn film(&self, top: f64) -> String {
+        let (scale, bottom) = (self.film_scale(), top + self.film_height() - FOOT);
         let mut svg = String::new();
-        for (index, frame) in self.every(start, step, CELLS).iter().enumerate() {
-            let left = LEFT + width * index as f64;
-            let middle = self.eye.across(&frame.centre);
-            let (from, to) = (middle - width / 2.0 / scale, middle + width / 2.0 / scale);
-            let around = (-LEVELS..=LEVELS).map(|i| middle + (to - middle) * f64::from(i) / f64::from(LEVELS));
-            let level = around.map(|x| self.height(self.eye, x)).sum::<f64>() / f64::from(2 * LEVELS + 1);
-            let ground = bottom + scale * level;
+        for (index, frame) in self.cells().into_iter().enumerate() {
+            let (width, left) = (CELL, LEFT + CELL * index as f64);
+            let (middle, half) = (self.eye.across(&frame.centre), self.cell_half());
+            let (from, to) = (middle - half, middle + half);
+            let ground = bottom + scale * self.level(frame);
             let view = View { eye: self.eye, scale, from, left, ground };
             svg += &view.ground_of(self, (left + 1.0, left + width - 1.0));
             for tenth in (from * 10.0).ceil() as i64..=(to * 10.0).floor() as i64 {
@@ -196,6 +227,11 @@ impl Strip<'_> {
 /// x of the stroboscope's right edge, m.
 fn strobe_to() -> f64 {
     STROBE_FROM + (WIDTH - 2.0 * LEFT) / STROBE_SCALE
+}
+
+/// z of its highest point, m.
+fn highest(frame: &Frame) -> f64 {
+    frame.trunk.iter().chain(frame.legs.as_flattened()).map(|point| point[2]).fold(f64::MIN, f64::max)
 }
 
 /// True when the whole trunk lies within the stroboscope.
@@ -269,6 +305,21 @@ mod tests {
         assert!((slope.stroboscope_height() - level.stroboscope_height() - rise).abs() < 1e-9, "{rise}");
         assert!((slope.height(Eye::Right, 1.005) - 0.1005).abs() < 1e-12);
         assert!(draw(&[slope]).contains("0.5 m"));
+    }
+
+    #[test]
+    fn a_robot_that_leaps_takes_room_above_itself() {
+        let leap = |rise: f64| {
+            let mut frames: Vec<Frame> = (0..30).map(|i| frame(f64::from(i) * 0.02, 0.0)).collect();
+            // In a pose of the stroboscope that is one of the film, too, a foot is flung up.
+            frames[20].legs[0][3][2] = 0.2 + rise;
+            let strip = strip(&frames);
+            (strip.stroboscope_height(), strip.film_height())
+        };
+        assert_eq!(leap(0.05), (STROBE, FILM), "it fits");
+        let (stroboscope, film) = leap(0.4);
+        assert!((stroboscope - STROBE - STROBE_SCALE * (0.6 - STROBE_HEADROOM)).abs() < 1e-9, "{stroboscope}");
+        assert!((film - FILM - FILM_SCALE * (0.6 - FILM_HEADROOM)).abs() < 1e-9, "{film}");
     }
 
     #[test]
