@@ -311,8 +311,8 @@ mod tests {
     fn a_robot_that_leaps_takes_room_above_itself() {
         let leap = |rise: f64| {
             let mut frames: Vec<Frame> = (0..30).map(|i| frame(f64::from(i) * 0.02, 0.0)).collect();
-            // In a pose of the stroboscope that is one of the film, too, a foot is flung up.
-            frames[20].legs[0][3][2] = 0.2 + rise;
+            // A foot is flung up at 0.40 s, a pose of the stroboscope, and at 0.42 s, a picture of the film.
+            frames[20..22].iter_mut().for_each(|frame| frame.legs[0][3][2] = 0.2 + rise);
             let strip = strip(&frames);
             (strip.stroboscope_height(), strip.film_height())
         };
