@@ -66,8 +66,8 @@ impl Batch {
             self.observations_by_row.set_row(i, row.observation);
             self.next_by_row.set_row(i, row.next_observation);
         }
-        turn(self.inputs.pieces_mut(), &self.inputs_by_row);
-        turn(self.next_inputs.pieces_mut(), &self.next_by_row);
+        turn(&mut self.inputs, &self.inputs_by_row);
+        turn(&mut self.next_inputs, &self.next_by_row);
         self.own_inputs.set_rows(0, &self.inputs, 0..observation);
         self.rewards = column(rows.iter().map(|row| reward_scale * row.reward).collect())?;
         self.discounts = column(rows.iter().map(|row| row.discount).collect())?;

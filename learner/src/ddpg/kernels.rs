@@ -6,6 +6,7 @@
 #![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
 
 use super::strips::{Matrix, Piece, WIDTH};
+use pulp::{Simd, WithSimd};
 
 /// What follows a layer's sum. `repr(u32)`: a GPU's kernels read it as a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,7 +44,20 @@ const ABREAST: usize = 4;
 
 /// `sums ← Σ columns of d`, a number for each row of d `[rows, n]`.
 pub(super) fn sum_columns(sums: &mut [Piece], d: Matrix<'_>) {
-    pulp::Arch::new().dispatch(|| {
+    pulp::Arch::new().dispatch(SumColumns { sums, d });
+}
+
+struct SumColumns<'a> {
+    sums: &'a mut [Piece],
+    d: Matrix<'a>,
+}
+
+impl WithSimd for SumColumns<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { sums, d } = self;
         for first in (0..d.rows).step_by(ABREAST) {
             let mut lanes = [Piece::ZERO; ABREAST];
             for (strip, left) in d.pieces.chunks_exact(d.rows).zip((1..=d.columns).rev().step_by(WIDTH)) {
@@ -59,7 +73,7 @@ pub(super) fn sum_columns(sums: &mut [Piece], d: Matrix<'_>) {
                 sums[row / WIDTH].0[row % WIDTH] = sum(lanes);
             }
         }
-    });
+    }
 }
 
 /// Adds x² to the number of its column.

@@ -14,7 +14,7 @@
 use super::kernels::{Activation, add_squares, sum, sum_columns};
 use super::product::product;
 use super::rows::{Row, Span, parameters, spans};
-use super::strips::{Matrix, Piece, Strips, WIDTH, pieces, turn};
+use super::strips::{Matrix, Piece, Strips, WIDTH, pieces, turn_strip};
 use super::tile::{Finish, Plain, Turned};
 use herd_common::seed::Seed;
 use rand::{Rng, RngExt};
@@ -206,27 +206,25 @@ impl Network {
     /// As `deltas`, and writes the gradient of every weight and bias into its row; gives the length of them all.
     ///
     /// `turned` is xᵀ of the forward pass, with 0 beyond its last column: so is the gradient then, which is summed and
-    /// moved whole. `room` grows until yᵀ of any layer fits.
+    /// moved whole. What a layer reads is turned over strip by strip in `room`, which stays in the nearest cache.
     pub(super) fn gradients(
         &mut self,
         turned: Matrix<'_>,
         pass: &mut Pass,
         gradient: &Strips,
-        room: &mut Vec<Piece>,
+        room: &mut [Piece],
     ) -> f32 {
         debug_assert!(turned.is_padded_with_zeros(), "the gradient would have numbers beyond its last input");
         self.last_delta(pass, gradient);
-        let largest = pass.layers.iter().map(|y| pieces(y.columns(), y.rows())).max().unwrap_or(0);
-        if room.len() < largest {
-            room.resize(largest, Piece::ZERO);
-        }
         let mut squares = Piece::ZERO;
         for i in (0..self.layers.len()).rev() {
             let (before, from_here) = pass.layers.split_at_mut(i);
-            let input = before.last().map_or(turned, |y| turn(room, y));
             let (layer, delta) = (&self.layers[i], from_here[0].view());
             let row = &mut self.rows[Row::Gradient as usize];
-            product(&mut row[layer.weight.clone()], Plain(delta), input, Finish::Squares(&mut squares));
+            for (strip, to) in row[layer.weight.clone()].chunks_exact_mut(layer.outputs).enumerate() {
+                let input = before.last().map_or_else(|| turned.strip(strip), |y| turn_strip(room, y, strip));
+                product(to, Plain(delta), input, Finish::Squares(&mut squares));
+            }
             sum_columns(&mut row[layer.bias.clone()], delta);
             add_squares(&mut squares, &row[layer.bias.clone()]);
             if i > 0 {
@@ -282,6 +280,7 @@ fn uniform(bound: f32, rng: &mut impl Rng) -> f32 {
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::super::strips::turn;
     use super::*;
     use candle_core::{Device, Tensor, Var};
 
@@ -346,7 +345,7 @@ pub(super) mod tests {
         let (inputs, outputs) = (widths[0], widths[widths.len() - 1]);
         let (turned, factor) = (random((batch, inputs), 4), random((outputs, batch), 5));
         let mut x = Strips::new(inputs, batch);
-        turn(x.pieces_mut(), &turned);
+        turn(&mut x, &turned);
         let vars = variables(&network);
         let recorded = Var::from_tensor(&by_column(&x)).unwrap();
         let y = recorded_forward(&vars, &recorded, activation);
@@ -357,7 +356,7 @@ pub(super) mod tests {
         assert_close("output", &by_column(pass.output()), &y);
         let answer = network.answer(Row::Online, &x);
         (0..outputs).for_each(|row| assert_eq!(answer.row(row), pass.output().row(row)));
-        let norm = network.gradients(turned.view(), &mut pass, &factor, &mut Vec::new());
+        let norm = network.gradients(turned.view(), &mut pass, &factor, &mut vec![Piece::ZERO; batch]);
         let gradients = tensors(&network, Row::Gradient);
         let squares = gradients.iter().map(|g| g.sqr().unwrap().sum_all().unwrap().to_scalar::<f32>().unwrap());
         let expected = squares.sum::<f32>().sqrt();

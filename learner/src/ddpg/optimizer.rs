@@ -14,7 +14,8 @@
 #![expect(clippy::inline_always, reason = "vector code must be inlined into the function that has the features")]
 
 use super::networks::Network;
-use super::strips::{Piece, WIDTH};
+use super::strips::WIDTH;
+use pulp::{Simd, WithSimd};
 
 pub(super) const BETA_1: f64 = 0.9;
 pub(super) const BETA_2: f64 = 0.999;
@@ -39,15 +40,7 @@ pub(super) struct Step {
 
 /// Moves weights, moments and target copy by one step along the gradient, whose length is `norm`.
 pub(super) fn apply(network: &mut Network, norm: f32, step: Step) {
-    let clip = step.clip as f32;
-    let adam = Adam {
-        gradient_scale: if clip > 0.0 && norm > clip { clip / norm } else { 1.0 },
-        rate: corrected_rate(step.rate, step.count),
-        keep: kept(step.rate, step.decay) as f32,
-        root_scale: root_scale(step.count),
-        target_rate: step.target_rate.map(|rate| rate as f32),
-    };
-    pulp::Arch::new().dispatch(|| adam.apply(network));
+    pulp::Arch::new().dispatch(Adam { network, numbers: Numbers::new(norm, step) });
 }
 
 /// rate / (1 − β₁ᵗ)
@@ -70,7 +63,14 @@ fn power(base: f64, exponent: u64) -> f64 {
     base.powi(i32::try_from(exponent).unwrap_or(i32::MAX))
 }
 
-struct Adam {
+/// Every row in one pass. Not a closure: that would be compiled for the oldest CPU.
+struct Adam<'a> {
+    network: &'a mut Network,
+    numbers: Numbers,
+}
+
+/// What a step multiplies by.
+struct Numbers {
     gradient_scale: f32,
     rate: f32,
     keep: f32,
@@ -78,39 +78,57 @@ struct Adam {
     target_rate: Option<f32>,
 }
 
-impl Adam {
-    #[inline(always)]
-    fn apply(&self, network: &mut Network) {
-        match self.target_rate {
-            Some(rate) => self.step(network, |target, weight| *target += rate * (weight - *target)),
-            None => self.step(network, |_, _| ()),
-        }
-    }
+impl WithSimd for Adam<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn step(&self, network: &mut Network, follow: impl Fn(&mut f32, f32)) {
-        let [weights, targets, means, squares, gradient] = network.rows_mut();
+    fn with_simd<S: Simd>(self, simd: S) {
+        let [weights, targets, means, squares, gradient] = self.network.rows_mut();
         let lasting = weights.iter_mut().zip(targets).zip(means.iter_mut().zip(squares));
         for (((weights, targets), (means, squares)), gradient) in lasting.zip(gradient) {
-            self.piece(weights, means, squares, gradient);
-            for i in 0..WIDTH {
-                follow(&mut targets.0[i], weights.0[i]);
+            let (weights, _) = S::as_mut_simd_f32s(&mut weights.0);
+            let (targets, _) = S::as_mut_simd_f32s(&mut targets.0);
+            let (means, _) = S::as_mut_simd_f32s(&mut means.0);
+            let (squares, _) = S::as_mut_simd_f32s(&mut squares.0);
+            let (gradient, _) = S::as_simd_f32s(&gradient.0);
+            for i in 0..WIDTH / S::F32_LANES {
+                [weights[i], means[i], squares[i]] =
+                    self.numbers.step(simd, [weights[i], means[i], squares[i]], gradient[i]);
+                if let Some(rate) = self.numbers.target_rate {
+                    let way = simd.sub_f32s(weights[i], targets[i]);
+                    targets[i] = simd.add_f32s(targets[i], simd.mul_f32s(simd.splat_f32s(rate), way));
+                }
             }
         }
     }
+}
 
-    #[inline(always)]
-    fn piece(&self, weights: &mut Piece, means: &mut Piece, squares: &mut Piece, gradient: &Piece) {
-        let (keep_1, take_1) = (BETA_1 as f32, (1.0 - BETA_1) as f32);
-        let (keep_2, take_2) = (BETA_2 as f32, (1.0 - BETA_2) as f32);
-        for i in 0..WIDTH {
-            let g = gradient.0[i] * self.gradient_scale;
-            let (m, v) = (keep_1 * means.0[i] + take_1 * g, keep_2 * squares.0[i] + take_2 * g * g);
-            means.0[i] = if m.abs() < SMALLEST_MOMENT { 0.0 } else { m };
-            squares.0[i] = if v < SMALLEST_MOMENT { 0.0 } else { v };
-            let step = self.rate * means.0[i] / (squares.0[i].sqrt() * self.root_scale + EPSILON);
-            weights.0[i] = self.keep * weights.0[i] - step;
+impl Numbers {
+    fn new(norm: f32, step: Step) -> Self {
+        let clip = step.clip as f32;
+        Self {
+            gradient_scale: if clip > 0.0 && norm > clip { clip / norm } else { 1.0 },
+            rate: corrected_rate(step.rate, step.count),
+            keep: kept(step.rate, step.decay) as f32,
+            root_scale: root_scale(step.count),
+            target_rate: step.target_rate.map(|rate| rate as f32),
         }
+    }
+
+    /// θ, m and v after the step.
+    #[inline(always)]
+    fn step<S: Simd>(&self, simd: S, [weight, m, v]: [S::f32s; 3], gradient: S::f32s) -> [S::f32s; 3] {
+        let times = |factor: f32, x| simd.mul_f32s(simd.splat_f32s(factor), x);
+        let zero = simd.splat_f32s(0.0);
+        let smallest = simd.splat_f32s(SMALLEST_MOMENT);
+        let g = times(self.gradient_scale, gradient);
+        let m = simd.add_f32s(times(BETA_1 as f32, m), times((1.0 - BETA_1) as f32, g));
+        let v = simd.add_f32s(times(BETA_2 as f32, v), simd.mul_f32s(times((1.0 - BETA_2) as f32, g), g));
+        let m = simd.select_f32s(simd.less_than_f32s(simd.abs_f32s(m), smallest), zero, m);
+        let v = simd.select_f32s(simd.less_than_f32s(v, smallest), zero, v);
+        let root = simd.add_f32s(times(self.root_scale, simd.sqrt_f32s(v)), simd.splat_f32s(EPSILON));
+        let step = simd.div_f32s(times(self.rate, m), root);
+        [simd.sub_f32s(times(self.keep, weight), step), m, v]
     }
 }
 
@@ -170,6 +188,22 @@ mod tests {
         check(0.0, 0.0, Some(0.25));
         check(0.0, 1.5, Some(0.005));
         check(2.0, 1.5, Some(0.005));
+    }
+
+    #[test]
+    fn narrower_registers_give_the_same_bits() {
+        let [mut widest, mut single] = [network(), network()];
+        for count in 1..=3 {
+            let norm = 1.5;
+            set_gradient(&mut widest, 0.3, count);
+            set_gradient(&mut single, 0.3, count);
+            let step = Step { rate: 0.01, count, decay: 0.1, clip: 1.0, target_rate: Some(0.05) };
+            apply(&mut widest, norm, step);
+            pulp::Scalar::new().vectorize(Adam { network: &mut single, numbers: Numbers::new(norm, step) });
+        }
+        for lasting in Row::LASTING {
+            assert_eq!(row(&widest, lasting), row(&single, lasting), "{lasting:?}");
+        }
     }
 
     #[test]

@@ -118,8 +118,9 @@ mod tests {
         let (a, b, y) = (random((m, k), 1), random((k + 1, n), 2), random((m, n), 4));
         let mut below = Strips::new(skipped + m, k);
         below.set_rows(skipped, &a, 0..m);
-        let mut room = vec![Piece::ZERO; pieces(k, skipped + m)];
-        let turned = Turned { matrix: turn(&mut room, &below), skipped };
+        let mut room = Strips::new(k, skipped + m);
+        turn(&mut room, &below);
+        let turned = Turned { matrix: room.view(), skipped };
         let [mut c, mut d] = [y.clone(), y.clone()];
         product(c.pieces_mut(), Plain(a.view()), b.view(), finish());
         product(d.pieces_mut(), turned, b.view(), finish());

@@ -53,9 +53,13 @@ impl<'a> Matrix<'a> {
 
     /// The strips, each of them a matrix of its own.
     pub(super) fn strips(self) -> impl Iterator<Item = Self> {
-        let columns = (1..=self.columns).rev().step_by(WIDTH).map(|left| left.min(WIDTH));
-        let strips = self.pieces.chunks_exact(self.rows).zip(columns);
-        strips.map(move |(pieces, columns)| Self { pieces, rows: self.rows, columns })
+        (0..self.columns.div_ceil(WIDTH)).map(move |strip| self.strip(strip))
+    }
+
+    /// The strip of this number.
+    pub(super) fn strip(self, strip: usize) -> Self {
+        let columns = WIDTH.min(self.columns - strip * WIDTH);
+        Self { pieces: &self.pieces[strip * self.rows..][..self.rows], rows: self.rows, columns }
     }
 
     /// The number in this row and column.
@@ -95,8 +99,7 @@ impl Strips {
 
     /// The strip of this number.
     pub(super) fn strip(&self, strip: usize) -> Matrix<'_> {
-        let columns = WIDTH.min(self.columns - strip * WIDTH);
-        Matrix { pieces: &self.pieces[strip * self.rows..][..self.rows], rows: self.rows, columns }
+        self.view().strip(strip)
     }
 
     /// The pieces of a strip, to be written.
@@ -133,45 +136,80 @@ impl Strips {
     }
 }
 
-/// `to ← fromᵀ`, the first pieces of `to`; beyond its last column stands 0.
-pub(super) fn turn<'a>(to: &'a mut [Piece], from: &Strips) -> Matrix<'a> {
-    let (rows, columns) = (from.columns, from.rows);
-    let to = &mut to[..pieces(rows, columns)];
-    pulp::Arch::new().dispatch(|| {
-        for (s, strip) in from.pieces.chunks_exact(from.rows).enumerate() {
-            let width = WIDTH.min(rows - s * WIDTH);
-            for (i, block) in strip.chunks(WIDTH).enumerate() {
-                turn_block(&mut to[i * rows + s * WIDTH..][..width], block);
-            }
-        }
-    });
-    Matrix { pieces: to, rows, columns }
+/// `to ← fromᵀ`; beyond its last column stands 0.
+pub(super) fn turn(to: &mut Strips, from: &Strips) {
+    assert_eq!((to.rows, to.columns), (from.columns, from.rows), "the shape of a matrix turned over");
+    for strip in 0..to.columns.div_ceil(WIDTH) {
+        turn_strip(to.strip_mut(strip), from, strip);
+    }
 }
 
-/// Rows that are turned over together: they make a register of each column.
-const GROUP: usize = 16;
+/// `to ←` a strip of `fromᵀ`; beyond its last column stands 0.
+pub(super) fn turn_strip<'a>(to: &'a mut [Piece], from: &Strips, strip: usize) -> Matrix<'a> {
+    let columns = WIDTH.min(from.rows - strip * WIDTH);
+    for (to, from) in to.chunks_mut(WIDTH).zip(from.pieces.chunks_exact(from.rows)) {
+        turn_block(to, &from[strip * WIDTH..][..columns]);
+    }
+    Matrix::new(to, from.columns, columns)
+}
 
 /// Up to 32 rows and columns.
-#[inline(always)]
 fn turn_block(to: &mut [Piece], from: &[Piece]) {
-    if let (Some(to), Some(from)) = (to.first_chunk_mut::<WIDTH>(), from.first_chunk::<WIDTH>()) {
-        for first in (0..WIDTH).step_by(GROUP) {
-            let rows: &[Piece; GROUP] = from[first..].first_chunk().expect("GROUP divides WIDTH");
-            for column in 0..WIDTH {
-                let group: &mut [f32; GROUP] = to[column].0[first..].first_chunk_mut().expect("GROUP divides WIDTH");
-                for i in 0..GROUP {
-                    group[i] = rows[i].0[column];
-                }
+    if from.len() < WIDTH {
+        to.fill(Piece::ZERO);
+    }
+    let (rows, columns) = (from.len() - from.len() % SQUARE, to.len() - to.len() % SQUARE);
+    for row in (0..rows).step_by(SQUARE) {
+        let from: &[Piece; SQUARE] = from[row..].first_chunk().expect("SQUARE rows are left");
+        for column in (0..columns).step_by(SQUARE) {
+            let to: &mut [Piece; SQUARE] = to[column..].first_chunk_mut().expect("SQUARE columns are left");
+            let square = turn_square([
+                part(&from[0], column),
+                part(&from[1], column),
+                part(&from[2], column),
+                part(&from[3], column),
+            ]);
+            for i in 0..SQUARE {
+                *to[i].0[row..].first_chunk_mut().expect("SQUARE divides WIDTH") = square[i];
             }
         }
-        return;
     }
-    to.fill(Piece::ZERO);
-    for (row, from) in from.iter().enumerate() {
-        for (to, number) in to.iter_mut().zip(from.0) {
-            to.0[row] = number;
+    for row in 0..from.len() {
+        for column in if row < rows { columns } else { 0 }..to.len() {
+            to[column].0[row] = from[row].0[column];
         }
     }
+}
+
+/// Rows and columns that are turned over within registers.
+const SQUARE: usize = 4;
+
+/// A row of a square.
+#[inline(always)]
+fn part(piece: &Piece, column: usize) -> [f32; SQUARE] {
+    *piece.0[column..].first_chunk().expect("SQUARE divides WIDTH")
+}
+
+/// A square turned over. Left to itself the compiler gathers number by number, which takes longer than the shuffles.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn turn_square(rows: [[f32; SQUARE]; SQUARE]) -> [[f32; SQUARE]; SQUARE] {
+    let sse = pulp::core_arch::x86::Sse::try_new().expect("every x86-64 CPU has SSE");
+    let [a, b, c, d]: [std::arch::x86_64::__m128; SQUARE] = pulp::bytemuck::cast(rows);
+    let (low, next_low) = (sse._mm_unpacklo_ps(a, b), sse._mm_unpacklo_ps(c, d));
+    let (high, next_high) = (sse._mm_unpackhi_ps(a, b), sse._mm_unpackhi_ps(c, d));
+    pulp::bytemuck::cast([
+        sse._mm_movelh_ps(low, next_low),
+        sse._mm_movehl_ps(next_low, low),
+        sse._mm_movelh_ps(high, next_high),
+        sse._mm_movehl_ps(next_high, high),
+    ])
+}
+
+/// A square turned over.
+#[cfg(not(target_arch = "x86_64"))]
+fn turn_square(rows: [[f32; SQUARE]; SQUARE]) -> [[f32; SQUARE]; SQUARE] {
+    std::array::from_fn(|i| std::array::from_fn(|j| rows[j][i]))
 }
 
 #[cfg(test)]
@@ -195,9 +233,10 @@ mod tests {
     fn a_matrix_turned_over() {
         for (rows, columns) in [(1, 1), (32, 32), (64, 96), (40, 33), (5, 70), (31, 64)] {
             let matrix = random((rows, columns), 1);
-            let mut room = vec![Piece([f32::NAN; WIDTH]); pieces(columns, rows) + 1];
-            let turned = turn(&mut room, &matrix);
-            assert_eq!((turned.rows, turned.columns), (columns, rows));
+            let mut turned = Strips::new(columns, rows);
+            turned.pieces_mut().fill(Piece([f32::NAN; WIDTH]));
+            turn(&mut turned, &matrix);
+            let turned = turned.view();
             for row in 0..rows.next_multiple_of(WIDTH) {
                 for column in 0..columns {
                     let expected = if row < rows { matrix.view().at(row, column) } else { 0.0 };

@@ -60,7 +60,7 @@ pub struct Ddpg {
     actor_pass: Pass,
     /// Room for n transitions on their way through any critic.
     critic_pass: Pass,
-    /// Room for what the way back turns over.
+    /// Room for a strip of what the way back turns over.
     room: Vec<Piece>,
 }
 
@@ -116,7 +116,7 @@ impl Ddpg {
                 .then(|| Priorities::new(config.priority_alpha, config.priority_beta, config.replay_capacity)),
             actor_pass: actor.pass(config.batch_size),
             critic_pass: critics[0].pass(config.batch_size),
-            room: Vec::new(),
+            room: vec![Piece::ZERO; config.batch_size],
             actor,
             critics,
         })
@@ -268,13 +268,14 @@ impl Ddpg {
             clip: self.config.gradient_clip,
             target_rate: found.actor.is_some().then_some(self.config.target_rate),
         };
-        for (critic, norm) in self.critics.iter_mut().zip(&found.critics) {
-            apply(critic, *norm, step);
-        }
+        // The actor first: its gradient was written last and is still near.
         if let Some(norm) = found.actor {
             self.counters.actor_steps += 1;
             let step = Step { rate: self.config.actor_rate, decay: 0.0, count: self.counters.actor_steps, ..step };
             apply(&mut self.actor, norm, step);
+        }
+        for (critic, norm) in self.critics.iter_mut().zip(&found.critics) {
+            apply(critic, *norm, step);
         }
     }
 }
