@@ -58,11 +58,10 @@ impl Batch {
     pub fn fill(&mut self, rows: &[Row<'_>], reward_scale: f32) -> std::result::Result<(), Error> {
         assert_eq!(rows.len(), self.len, "transitions of a minibatch");
         let observation = self.dims.observation;
-        let mut input = vec![0.0; observation + self.dims.action];
         for (i, row) in rows.iter().enumerate() {
-            input[..observation].copy_from_slice(row.observation);
-            input[observation..].copy_from_slice(row.action);
-            self.inputs_by_row.set_row(i, &input);
+            // Not by way of a row of its own: what is read right after it was written waits for the memory behind it.
+            self.inputs_by_row.set_row(i, row.observation);
+            self.inputs_by_row.set_part(i, observation, row.action);
             self.observations_by_row.set_row(i, row.observation);
             self.next_by_row.set_row(i, row.next_observation);
         }

@@ -120,9 +120,18 @@ impl Strips {
 
     /// Replaces a row's first numbers.
     pub(super) fn set_row(&mut self, row: usize, numbers: &[f32]) {
-        assert!(numbers.len() <= self.columns, "{} numbers for a row of {}", numbers.len(), self.columns);
-        for (strip, numbers) in self.pieces.chunks_exact_mut(self.rows).zip(numbers.chunks(WIDTH)) {
-            strip[row].0[..numbers.len()].copy_from_slice(numbers);
+        self.set_part(row, 0, numbers);
+    }
+
+    /// Replaces a row's numbers from this column on.
+    pub(super) fn set_part(&mut self, row: usize, mut column: usize, mut numbers: &[f32]) {
+        let end = column + numbers.len();
+        assert!(end <= self.columns, "numbers up to the {end}th for a row of {}", self.columns);
+        while !numbers.is_empty() {
+            let piece = &mut self.pieces[column / WIDTH * self.rows + row].0[column % WIDTH..];
+            let (here, rest) = numbers.split_at(piece.len().min(numbers.len()));
+            piece[..here.len()].copy_from_slice(here);
+            (column, numbers) = (column + here.len(), rest);
         }
     }
 
@@ -224,6 +233,9 @@ mod tests {
         matrix.set_row(1, &numbers);
         assert_eq!(matrix.row(1), numbers);
         assert_eq!((matrix.view().at(1, 69), matrix.view().at(2, 69)), (69.0, 0.0));
+        matrix.set_part(2, 30, &numbers[..40]);
+        assert_eq!((matrix.row(2)[..30].to_vec(), &matrix.row(2)[30..]), (vec![0.0; 30], &numbers[..40]));
+        matrix.set_part(2, 0, &[0.0; 70]);
         let mut other = Strips::new(5, 70);
         other.set_rows(3, &matrix, 1..3);
         assert_eq!((other.row(3), other.row(4), other.row(2)), (numbers, vec![0.0; 70], vec![0.0; 70]));
