@@ -19,8 +19,8 @@ const ROBOTS: [u64; 5] = [10, 100, 1_000, 10_000, 100_000];
 const POLICY_BYTES: f64 = 643_088.0;
 /// 10 Gbit/s.
 const LINK: f64 = 1.25e9;
-/// A guess, not measured: one update at batch 4096 on a data-centre GPU takes about a millisecond.
-const GPU_UPDATES_PER_SEC: f64 = 1000.0;
+/// Plain DDPG at batch 4096 on an NVIDIA H200, measured: `docs/gpu.md`.
+const GPU_UPDATES_PER_SEC: f64 = 1670.0;
 
 fn designs(measured: Measured) -> [Design; 4] {
     let today = Design {
