@@ -184,7 +184,8 @@ fn turn_block(to: &mut [Piece], from: &[Piece]) {
         }
     }
     for row in 0..from.len() {
-        for column in if row < rows { columns } else { 0 }..to.len() {
+        let beside_squares = if row < rows { columns } else { 0 };
+        for column in beside_squares..to.len() {
             to[column].0[row] = from[row].0[column];
         }
     }
@@ -216,6 +217,7 @@ fn turn_square(rows: [[f32; SQUARE]; SQUARE]) -> [[f32; SQUARE]; SQUARE] {
 }
 
 /// A square turned over.
+#[inline(always)]
 #[cfg(not(target_arch = "x86_64"))]
 fn turn_square(rows: [[f32; SQUARE]; SQUARE]) -> [[f32; SQUARE]; SQUARE] {
     std::array::from_fn(|i| std::array::from_fn(|j| rows[j][i]))
