@@ -351,10 +351,19 @@ fn an_actor_comes_back_sooner_from_the_end_of_an_open_box() {
     assert!(plain.is_none_or(|plain| plain > 2 * open), "open after {open} × 20 updates, plain after {plain:?}");
 }
 
-/// The largest |action − optimum| over the line.
-pub(super) fn point_mass_error(ddpg: &Ddpg) -> f32 {
+/// The mean |action − optimum| over the line.
+fn point_mass_error(ddpg: &Ddpg) -> f32 {
     let error = |x: f32| (ddpg.act(&[x])[0] - ((0.5 - x) / 0.4).clamp(-1.0, 1.0)).abs();
-    (-16_i16..=20).map(|i| error(f32::from(i) / 20.0)).fold(0.0, f32::max)
+    (-16_i16..=20).map(|i| error(f32::from(i) / 20.0)).sum::<f32>() / 37.0
+}
+
+/// Fails unless an actor has learned the line, and had not to begin with. Runs of 20 seeds end at .03 to .10 with either
+/// algorithm; full speed everywhere is .57 off.
+#[track_caller]
+pub(super) fn assert_finds_the_optimum(before: &Ddpg, after: &Ddpg, sets: &[&str]) {
+    assert!(point_mass_error(before) > 0.7, "nothing to learn");
+    let error = point_mass_error(after);
+    assert!(error < 0.15, "{sets:?}: {error}");
 }
 
 pub(super) fn point_mass_config(sets: &[&str]) -> config::ddpg::Config {
@@ -373,12 +382,10 @@ pub(super) fn point_mass_config(sets: &[&str]) -> config::ddpg::Config {
 fn both_algorithms_find_the_optimum_of_a_point_mass() {
     for sets in [PLAIN, TD3] {
         let config = point_mass_config(&sets);
-        let mut ddpg = Ddpg::new(&config, Dims { observation: 1, action: 1 }, Seed::from_number(12)).unwrap();
-        let replay = point_mass(3000);
-        assert!(point_mass_error(&ddpg) > 0.8, "nothing to learn");
-        run(&mut ddpg, &replay, 3000);
-        let error = point_mass_error(&ddpg);
-        assert!(error < 0.25, "{sets:?}: {error}");
+        let new = || Ddpg::new(&config, Dims { observation: 1, action: 1 }, Seed::from_number(12)).unwrap();
+        let mut ddpg = new();
+        run(&mut ddpg, &point_mass(3000), 3000);
+        assert_finds_the_optimum(&new(), &ddpg, &sets);
         // Staying at the optimum earns 1 a step: 1 / (1 − .9) = 10, whatever overestimation would make of it.
         let value = ddpg.value(&[0.5], &[0.0]);
         assert!((value - 10.0).abs() < 1.5, "{sets:?}: {value}");
