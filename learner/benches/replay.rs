@@ -7,6 +7,10 @@ use herd_common::transition::Batch;
 use herd_learner::ddpg::Batch as Minibatch;
 use herd_learner::replay::Replay;
 
+/// As in the program.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Transitions of one push.
 const PUSH: usize = 1000;
 const SMALL: usize = 200_000;
