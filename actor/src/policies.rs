@@ -53,8 +53,8 @@ impl Shelf {
         self.newest
     }
 
-    /// Adds a policy, after a look at whether it fits the task.
-    pub(crate) fn add(&mut self, policy: Policy, config: &Config, task_hash: &str) -> Result<(), String> {
+    /// Adds a policy, after a look at whether it fits the task. Returns one that had to go, if nobody else has it.
+    pub(crate) fn add(&mut self, policy: Policy, config: &Config, task_hash: &str) -> Result<Option<Policy>, String> {
         policy.expect_task(task_hash).map_err(|e| e.to_string())?;
         let (found, expected) = (
             (policy.observation_dim(), policy.action_dim()),
@@ -66,15 +66,13 @@ impl Shelf {
         let version = policy.provenance.version;
         self.newest = self.newest.max(version);
         self.requested.remove(&version);
-        if self.held.insert(version, Arc::new(policy)).is_none() {
+        let replaced = self.held.insert(version, Arc::new(policy));
+        if replaced.is_none() {
             self.arrived.push_back(version);
         }
-        while self.arrived.len() > caps::POLICIES_CACHED {
-            if let Some(oldest) = self.arrived.pop_front() {
-                self.held.remove(&oldest);
-            }
-        }
-        Ok(())
+        let over = self.arrived.len() > caps::POLICIES_CACHED;
+        let oldest = over.then(|| self.arrived.pop_front()).flatten();
+        Ok(oldest.and_then(|oldest| self.held.remove(&oldest)).or(replaced).and_then(Arc::into_inner))
     }
 }
 
@@ -104,12 +102,18 @@ mod tests {
         let (mut shelf, config) = (Shelf::default(), Config::default());
         let hash = config.task_hash();
         for version in 100..100 + caps::POLICIES_CACHED as u64 {
-            shelf.add(policy(&config, version), &config, &hash).expect("fits");
+            assert_eq!(shelf.add(policy(&config, version), &config, &hash).expect("fits"), None);
         }
-        shelf.add(policy(&config, 5), &config, &hash).expect("fits");
+        let unused = shelf.add(policy(&config, 5), &config, &hash).expect("fits").expect("nobody acts with it");
+        assert_eq!(unused.provenance.version, 100);
         assert!(matches!(shelf.need(&wants(5), &config), Need::Policy(_)), "an old one that was asked for stays");
         assert_eq!(shelf.need(&wants(100), &config), Need::Missing(100));
         assert_eq!(shelf.held.len(), caps::POLICIES_CACHED);
+        let in_use = shelf.need(&wants(101), &config);
+        assert_eq!(shelf.add(policy(&config, 6), &config, &hash).expect("fits"), None, "a robot acts with it");
+        assert!(matches!(in_use, Need::Policy(policy) if policy.provenance.version == 101));
+        let unused = shelf.add(policy(&config, 6), &config, &hash).expect("fits").expect("came twice");
+        assert_eq!((unused.provenance.version, shelf.held.len()), (6, caps::POLICIES_CACHED));
     }
 
     #[test]

@@ -109,7 +109,11 @@ impl<'a> Session<'a> {
                         return Ok(End::Complete);
                     }
                 }
-                policy = newest(&mut policies) => self.add(policy)?,
+                policy = newest(&mut policies) => {
+                    if let (Some(unused), Some(stream)) = (self.add(policy)?, &mut policies) {
+                        stream.give_back(unused);
+                    }
+                }
                 Some(fetched) = self.fetches.join_next() => {
                     self.add(fetched.map_err(|e| Error::Internal(e.to_string()))??)?;
                 }
@@ -149,7 +153,7 @@ impl<'a> Session<'a> {
         Ok(false)
     }
 
-    fn add(&mut self, policy: Policy) -> Result<(), Error> {
+    fn add(&mut self, policy: Policy) -> Result<Option<Policy>, Error> {
         let version = policy.provenance.version;
         tracing::debug!(version, "policy");
         self.shelf.add(policy, &self.task.config, &self.task.hash).map_err(|reason| Error::Policy { version, reason })

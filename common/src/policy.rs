@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
 /// One fully connected layer, `y = W x + b`.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Layer {
     /// Length of x.
     pub inputs: usize,
@@ -102,6 +102,11 @@ impl Policy {
     /// The layers, input first.
     pub fn layers(&self) -> &[Layer] {
         &self.layers
+    }
+
+    /// The layers of a policy that is no longer used, for another one to be written in their memory.
+    pub fn into_layers(self) -> Vec<Layer> {
+        self.layers
     }
 
     /// Length of the observation it takes.

@@ -35,6 +35,7 @@ pub struct Received {
 pub struct PolicyStream {
     body: Body,
     held: Held,
+    unused: Option<Policy>,
 }
 
 impl Client {
@@ -54,7 +55,7 @@ impl Client {
         if !head.status.is_success() {
             return Err(Status::unavailable(format!("HTTP status {}", head.status)).into());
         }
-        Ok(PolicyStream { body, held: Held::default() })
+        Ok(PolicyStream { body, held: Held::default(), unused: None })
     }
 }
 
@@ -71,7 +72,13 @@ impl PolicyStream {
         let broken = |error: prost::DecodeError| Status::internal(format!("a policy cannot be decoded: {error}"));
         let wire = v1::Policy::decode(message).map_err(broken)?;
         let published_unix_nanos = wire.published_unix_nanos;
-        Ok(Some(Received { policy: convert::policy_from_wire(wire)?, published_unix_nanos, bytes }))
+        let policy = convert::policy_from_wire_into(wire, self.unused.take())?;
+        Ok(Some(Received { policy, published_unix_nanos, bytes }))
+    }
+
+    /// Takes a policy that is no longer used, for the next to be written in its memory.
+    pub fn give_back(&mut self, unused: Policy) {
+        self.unused = Some(unused);
     }
 
     async fn message(&mut self) -> Result<Option<Bytes>, Status> {

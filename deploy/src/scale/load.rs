@@ -179,7 +179,9 @@ async fn follow(client: Client, meter: &Meter, newest: &AtomicU64) -> Result<(),
     let mut kept = policies.next().await?;
     while let Some(received) = policies.next_received().await? {
         newest.store(received.policy.provenance.version, Relaxed);
-        kept = Some(received.policy);
+        if let Some(unused) = kept.replace(received.policy) {
+            policies.give_back(unused);
+        }
         if let Some(published) = received.published_unix_nanos {
             meter.applied(Duration::from_nanos(unix_nanos().saturating_sub(published)), received.bytes);
         }
