@@ -10,6 +10,7 @@ mod work;
 
 pub use frame::grpc_frame;
 pub(crate) use numbers::to_bytes as column;
-pub use policy::{policy_from_wire, policy_from_wire_into, policy_to_wire};
+pub(crate) use policy::policy_from_wire_into;
+pub use policy::{policy_from_wire, policy_to_wire};
 pub use transitions::{transitions_from_wire, transitions_to_wire};
 pub use work::{hello_name, work_from_wire};

@@ -29,7 +29,7 @@ pub fn policy_from_wire(message: v1::Policy) -> Result<Policy, WireError> {
 
 /// The same, written in the memory of a policy that is no longer used. Memory that is new each time has to be mapped and
 /// cleared first, which can take longer than the copy.
-pub fn policy_from_wire_into(message: v1::Policy, unused: Option<Policy>) -> Result<Policy, WireError> {
+pub(crate) fn policy_from_wire_into(message: v1::Policy, unused: Option<Policy>) -> Result<Policy, WireError> {
     let mut unused = unused.map(Policy::into_layers).unwrap_or_default().into_iter();
     let layers = message.layers.iter().map(|layer| layer_from_wire(layer, unused.next().unwrap_or_default()));
     let layers = layers.collect::<Result<Vec<_>, _>>()?;
