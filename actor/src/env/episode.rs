@@ -264,7 +264,7 @@ impl Env {
         self.late.push_back(torques);
         self.torques = self.late.pop_front().unwrap_or(torques);
         self.world.tick(&self.torques);
-        self.state = self.world.state();
+        let before = std::mem::replace(&mut self.state, self.world.state());
         self.sensed = self.sensor.measure(&self.state);
         self.contacts = self.world.contacts();
         self.ticks += 1;
@@ -278,7 +278,7 @@ impl Env {
         if self.ending == Some(Ending::Diverged) {
             return;
         }
-        self.summary.tick(&self.state, &self.contacts, &self.torques, self.config.sim.tick_secs);
+        self.summary.tick([&before, &self.state], &self.contacts, &self.torques, self.config.sim.tick_secs);
         if self.payer.is_due(self.ticks) {
             self.summary.sample(&self.state, self.reward_now());
         }

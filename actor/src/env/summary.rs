@@ -14,7 +14,8 @@ pub struct Figures {
     pub mean_speed: f64,
     /// Root mean square of its difference from the speed asked for, start-up and strides included, m/s.
     pub speed_error: f64,
-    /// `Σ max(τ q̇ + 0.3 τ², 0) dt / (m g d)`: work of the motors, none recovered, per weight and distance.
+    /// `Σ max(τ q̇ + 0.3 τ², 0) dt / (m g d)`: work of the motors, none recovered, per weight and distance; q̇ is the mean
+    /// of a tick's first and last speed.
     pub cost_of_transport: f64,
     /// Mean vertical force of the ground on all feet, per weight.
     pub load: f64,
@@ -65,13 +66,22 @@ impl Summary {
         self.reward
     }
 
-    pub(super) fn tick(&mut self, state: &RobotState, contacts: &Contacts, torques: &[Vector3<f64>; 4], secs: f64) {
-        self.end_x = state.position.x;
-        self.speed.add(state.velocity.x);
+    /// Adds a tick from one state to the next, with the contacts and torques (N·m) that were in between.
+    pub(super) fn tick(
+        &mut self,
+        [before, after]: [&RobotState; 2],
+        contacts: &Contacts,
+        torques: &[Vector3<f64>; 4],
+        secs: f64,
+    ) {
+        self.end_x = after.position.x;
+        self.speed.add(after.velocity.x);
         self.load.add(contacts.normal.iter().sum());
-        let joints = torques.iter().flatten().zip(state.joint_speeds.iter().flatten());
-        let power: f64 = joints.map(|(torque, speed)| (torque * speed + HEAT * torque * torque).max(0.0)).sum();
-        self.work_j += power * secs;
+        for (leg, torques) in torques.iter().enumerate() {
+            let speeds = (before.joint_speeds[leg] + after.joint_speeds[leg]) / 2.0;
+            let power = torques.zip_map(&speeds, |torque, speed| (torque * speed + HEAT * torque * torque).max(0.0));
+            self.work_j += power.sum() * secs;
+        }
     }
 
     /// The figures so far for a robot of this weight (N) that was asked to walk at `wanted` m/s.
@@ -114,6 +124,25 @@ impl Summary {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::UnitQuaternion;
+
+    #[test]
+    fn work_is_that_of_the_mean_speed_of_a_tick_and_none_is_recovered() {
+        let at = |speed: f64| RobotState {
+            position: Vector3::zeros(),
+            rotation: UnitQuaternion::identity(),
+            velocity: Vector3::zeros(),
+            angular_velocity: Vector3::zeros(),
+            joints: [Vector3::zeros(); 4],
+            joint_speeds: [Vector3::new(speed, -speed, 0.0); 4],
+        };
+        let torques = [Vector3::new(2.0, 2.0, 1.0); 4];
+        let mut summary = Summary::new(0.0);
+        summary.tick([&at(1.0), &at(3.0)], &Contacts::default(), &torques, 0.5);
+        // A leg's joints: 2 N m at 2 rad/s and heat; braking, with less heat than it takes in; heat alone.
+        let leg = (2.0 * 2.0 + HEAT * 4.0) + 0.0 + HEAT;
+        assert!((summary.work_j - 4.0 * leg * 0.5).abs() < 1e-12, "{} J", summary.work_j);
+    }
 
     #[test]
     fn variance_is_that_of_the_definition() {

@@ -70,10 +70,15 @@ pub(super) fn momentum(links: &[Rigid]) -> Vector3<f64> {
     links.iter().map(|link| link.velocity * link.mass).sum()
 }
 
+/// The centre of mass.
+fn centre(links: &[Rigid]) -> Vector3<f64> {
+    let mass: f64 = links.iter().map(|link| link.mass).sum();
+    links.iter().map(|link| link.position * link.mass).sum::<Vector3<f64>>() / mass
+}
+
 /// About the centre of mass.
 fn angular_momentum(links: &[Rigid]) -> Vector3<f64> {
-    let mass: f64 = links.iter().map(|link| link.mass).sum();
-    let centre: Vector3<f64> = links.iter().map(|link| link.position * link.mass).sum::<Vector3<f64>>() / mass;
+    let centre = centre(links);
     links.iter().map(|link| (link.position - centre).cross(&link.velocity) * link.mass + link.inertia * link.spin).sum()
 }
 
@@ -108,6 +113,44 @@ fn momentum_in_free_flight_changes_by_gravity_alone() {
     let after = momentum(&links(&model, &world));
     assert!((after - before + fall).norm() < 0.1, "{before} {after}");
     assert!(world.state().joint_speeds[2].norm() > 3.0, "the torques moved the legs");
+}
+
+#[test]
+fn a_fall_is_as_long_as_gravity_makes_it() {
+    for substeps in [1, 4] {
+        let (config, model, mut world) = setup(2.0, &[&format!("sim.substeps={substeps}")]);
+        let sideways = Vector3::new(0.5, -0.25, 0.0);
+        let start = centre(&links(&model, &world));
+        world.add_velocity(&sideways);
+        for ticks in 1..=150 {
+            world.tick(&torques(0.0));
+            let secs = f64::from(ticks) * config.sim.tick_secs;
+            let expected = start + sideways * secs - Vector3::z() * (GRAVITY * secs.powi(2) / 2.0);
+            let apart = centre(&links(&model, &world)) - expected;
+            assert!(apart.norm() < 2e-4, "{apart} m after {secs} s, {substeps} substeps");
+        }
+    }
+}
+
+#[test]
+fn a_change_of_velocity_moves_nothing_by_itself() {
+    let (_, _, mut world) = setup(2.0, &[]);
+    (0..30).for_each(|_| world.tick(&torques(1.0)));
+    let before = world.state();
+    world.add_velocity(&Vector3::new(2.0, -1.0, 0.5));
+    let after = world.state();
+    assert!((after.position - before.position).norm() < 1e-6, "{} {}", before.position, after.position);
+    assert!((after.velocity - before.velocity - Vector3::new(2.0, -1.0, 0.5)).norm() < 1e-6);
+    assert_eq!(after.joints, before.joints);
+
+    let (_, _, mut other) = setup(2.0, &[]);
+    let still = other.state();
+    other.set_speeds(&before);
+    let set = other.state();
+    assert!((set.position - still.position).norm() < 1e-6 && set.rotation.angle_to(&still.rotation) < 1e-6);
+    let apart = set.joints.iter().zip(&still.joints).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+    assert!(apart < 1e-6, "{apart} rad");
+    assert!((set.joint_speeds[3] - before.joint_speeds[3]).norm() < 1e-6 && before.joint_speeds[3].norm() > 1.0);
 }
 
 #[test]

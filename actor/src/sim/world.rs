@@ -3,6 +3,11 @@
 //! World frame: z up, level ground at z = 0. Torques act between the two links of a joint along its axis, which is exactly
 //! a generalised force on that joint. Forces persist in rapier until reset, so each tick resets them. Velocities come
 //! from the multibody's generalised ones: those of the bodies lag by a solver step.
+//!
+//! A solver step of length h first changes the velocities, then moves the pose by h times the new ones (symplectic
+//! Euler), which alone is of first order. The same numbers are those of position Verlet, of second order, once the pose
+//! is read half a step earlier: move by h/2, change the velocities there, move by h/2. So rapier's pose leads ours by
+//! `lead_secs`, and whatever changes velocities between two ticks moves rapier's pose along.
 
 use super::build::{self, Handles, ROOT_DOFS};
 use super::contact::{self, Contacts};
@@ -74,6 +79,16 @@ impl RobotState {
         Vector3::new(roll, pitch, yaw)
     }
 
+    /// Pose and joint angles as these velocities lead on for so long, s; the velocities stay.
+    fn moved(mut self, secs: f64) -> Self {
+        self.position += self.velocity * secs;
+        self.rotation = UnitQuaternion::from_scaled_axis(self.angular_velocity * secs) * self.rotation;
+        for (angles, speeds) in self.joints.iter_mut().zip(&self.joint_speeds) {
+            *angles += speeds * secs;
+        }
+        self
+    }
+
     /// True when every number is finite.
     pub fn is_finite(&self) -> bool {
         let vectors = [&self.position, &self.velocity, &self.angular_velocity];
@@ -114,19 +129,18 @@ impl World {
         self.push = (ticks > 0).then_some((vector_to_sim(force), ticks));
     }
 
-    /// Adds to the velocity of the trunk and everything attached to it, world, m/s.
+    /// Adds to the velocity of the trunk and everything attached to it, world, m/s; pose and joint angles stay.
     pub fn add_velocity(&mut self, change: &Vector3<f64>) {
-        let (multibody, _) = self.physics.multibody_joints.get_mut(self.handles.joints[0][0]).expect(ROBOT);
-        let mut velocity = multibody.generalized_velocity_mut();
+        let mut changes = vec![0.0; self.multibody().ndofs()];
         for axis in 0..3 {
-            velocity[axis] += change[axis] as f32;
+            changes[axis] = change[axis] as f32;
         }
+        self.change_speeds(changes);
     }
 
-    /// Gives the robot the velocities of `state`; its pose and joint angles stay.
+    /// Gives a robot at rest the velocities of `state`; its pose and joint angles stay.
     pub fn set_speeds(&mut self, state: &RobotState) {
-        let (multibody, _) = self.physics.multibody_joints.get_mut(self.handles.joints[0][0]).expect(ROBOT);
-        let mut speeds = multibody.generalized_velocity_mut();
+        let mut speeds = vec![0.0; self.multibody().ndofs()];
         for axis in 0..3 {
             speeds[axis] = state.velocity[axis] as f32;
             speeds[3 + axis] = state.angular_velocity[axis] as f32;
@@ -134,13 +148,18 @@ impl World {
         for (dof, speed) in self.dofs.iter().flatten().zip(state.joint_speeds.iter().flatten()) {
             speeds[*dof] = *speed as f32;
         }
+        self.change_speeds(speeds);
     }
 
     /// The robot's state after the last tick.
     pub fn state(&self) -> RobotState {
-        let (multibody, _) = self.physics.multibody_joints.get(self.handles.joints[0][0]).expect(ROBOT);
+        self.ahead().moved(-self.lead_secs())
+    }
+
+    /// The robot as rapier has it: its pose leads by `lead_secs`.
+    fn ahead(&self) -> RobotState {
         let trunk = &self.physics.bodies[self.handles.trunk];
-        let speeds = multibody.generalized_velocity();
+        let speeds = self.multibody().generalized_velocity();
         let speed = |dof: usize| f64::from(speeds[dof]);
         let angle = |joint: MultibodyJointHandle| {
             let (multibody, id) = self.physics.multibody_joints.get(joint).expect(ROBOT);
@@ -164,6 +183,29 @@ impl World {
     /// True when rapier had to take bodies out of the simulation because their numbers were not finite.
     pub fn has_diverged(&self) -> bool {
         !self.physics.quarantine().is_empty()
+    }
+
+    /// Half a solver step, s.
+    fn lead_secs(&self) -> f64 {
+        let parameters = &self.physics.integration_parameters;
+        f64::from(parameters.dt) / (2 * parameters.num_solver_iterations) as f64
+    }
+
+    /// Adds to the generalised velocities without moving what `state` tells.
+    fn change_speeds(&mut self, mut changes: Vec<f32>) {
+        let lead = self.lead_secs() as f32;
+        let (multibody, _) = self.physics.multibody_joints.get_mut(self.handles.joints[0][0]).expect(ROBOT);
+        for (speed, change) in multibody.generalized_velocity_mut().iter_mut().zip(&mut changes) {
+            *speed += *change;
+            *change *= lead;
+        }
+        multibody.apply_displacements(&changes);
+        multibody.forward_kinematics(&self.physics.bodies, false);
+        multibody.update_rigid_bodies(&mut self.physics.bodies, true);
+    }
+
+    fn multibody(&self) -> &Multibody {
+        self.physics.multibody_joints.get(self.handles.joints[0][0]).expect(ROBOT).0
     }
 
     fn clear_forces(&mut self) {

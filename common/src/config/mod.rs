@@ -206,8 +206,8 @@ impl Config {
     }
 }
 
-/// Counts changes of the controller that no configuration key shows; part of the task hash.
-const CONTROLLER_REVISION: u32 = 4;
+/// Counts changes of controller and simulator that no configuration key shows; part of the task hash.
+const CONTROLLER_REVISION: u32 = 5;
 
 fn read(path: &Path) -> Result<String, Error> {
     std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })
