@@ -68,9 +68,8 @@ pub fn finish(
         env.set_observer(Some(Box::new(move |state: &RobotState, contacts: &Contacts, _: &_| {
             ticks += 1;
             if ticks % every_ticks == 0 {
-                let down = contacts.normal.map(|force| force > 0.0);
                 // The film is over when nobody takes its frames any more.
-                let _ = camera.send(Frame::new(&model, ticks as f64 * tick_secs, state, down));
+                let _ = camera.send(Frame::new(&model, ticks as f64 * tick_secs, state, contacts.feet));
             }
         })));
     }

@@ -72,12 +72,13 @@ pub fn replay(config: &Config, start: &Snapshot, torques: &[[f64; 12]], hold_tic
     torques.iter().map(hold).collect()
 }
 
-/// Adds a share of these forces; a touch is a touch.
+/// Adds a share of these forces; a touch of trunk or knees is a touch, feet are where they are at the end.
 fn add_share(sum: &mut Contacts, contacts: &Contacts, share: f64) {
     for leg in 0..4 {
         sum.normal[leg] += share * contacts.normal[leg];
         sum.friction[leg] += share * contacts.friction[leg];
     }
+    sum.feet = contacts.feet;
     sum.trunk |= contacts.trunk;
     sum.knee |= contacts.knee;
 }

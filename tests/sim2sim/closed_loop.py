@@ -21,8 +21,9 @@ def figures(ticks, outcome, weight, tick_secs):
     steady = ticks[round(STEADY_SECS / tick_secs) :]
     x = [snapshot["position"][0] for _, snapshot in ticks]
     roll, pitch = np.array([angles(snapshot) for _, snapshot in steady]).T
-    torques, speeds = np.array([t for t, _ in steady]), np.array([s["joint_speeds"] for _, s in steady])
-    power = np.maximum(torques * speeds + HEAT * torques**2, 0.0).sum(axis=1)
+    torques, speeds = np.array([t for t, _ in steady[1:]]), np.array([s["joint_speeds"] for _, s in steady])
+    mean_speeds = (speeds[:-1] + speeds[1:]) / 2
+    power = np.maximum(torques * mean_speeds + HEAT * torques**2, 0.0).sum(axis=1)
     distance = abs(steady[-1][1]["position"][0] - steady[0][1]["position"][0])
     return {
         "ending": outcome["ending"],

@@ -1,14 +1,11 @@
 """Calls the `herd` binary: exports, traces, and an episode in which MuJoCo is the robot."""
 
-import functools
 import json
 import os
 import pathlib
 import subprocess
 import sys
 import tempfile
-
-import numpy as np
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 BINARY = os.environ.get("HERD", str(ROOT / "target" / "release" / "herd"))
@@ -50,39 +47,9 @@ class Trace:
         return self.start if tick == 0 else self.ticks[tick - 1]["after"]
 
     def changed(self, change):
-        """The trace with `change(state before, state)` in place of every state but the first, which has none before."""
-        states = [change(self.state(i), self.state(i + 1)) for i in range(len(self.ticks))]
-        ticks = [tick | {"after": state} for tick, state in zip(self.ticks, states, strict=True)]
+        """The trace with `change(state)` in place of every state but the first."""
+        ticks = [tick | {"after": change(tick["after"])} for tick in self.ticks]
         return Trace(self.header, self.start, ticks)
-
-    @property
-    def step_secs(self):
-        """The step of the solver that made it."""
-        return self.header["sim_tick_secs"] / self.header["sim_substeps"]
-
-    def moved_back(self, secs):
-        """The trace with positions and angles this much earlier, velocities and torques where they were."""
-        share = secs / self.header["tick_secs"]
-
-        def between(before, after):
-            def mixed(key):
-                return (1 - share) * np.array(after[key]) + share * np.array(before[key])
-
-            turned = mixed("quaternion")
-            moved = {"position": mixed("position"), "joints": mixed("joints")}
-            moved["quaternion"] = turned / np.linalg.norm(turned)
-            return after | {key: value.tolist() for key, value in moved.items()}
-
-        return self.changed(between)
-
-    @functools.cached_property
-    def at_once(self):
-        """The trace with positions of the moment of their velocities.
-
-        herd's solver steps as q' = q + h v': its velocities are those of half a step before its positions, and what acts
-        over a step acts from half a step before its start to half a step before its end.
-        """
-        return self.moved_back(self.step_secs / 2)
 
     def replayed(self, at, secs, *words):
         """Its torques from `at` (s) on, replayed by herd's own simulator with these options."""

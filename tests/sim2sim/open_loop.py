@@ -37,7 +37,7 @@ def recording(*words):
 def in_mujoco(xml, trace, first, ticks=TICKS, nudge=None):
     """Snapshots of MuJoCo under the trace's torques from tick `first` on; `nudge` changes the plant before."""
     plant = Plant(xml, trace.header["tick_secs"])
-    plant.set(trace.at_once.state(first))
+    plant.set(trace.state(first))
     if nudge:
         nudge(plant)
     snapshots = []
@@ -49,13 +49,12 @@ def in_mujoco(xml, trace, first, ticks=TICKS, nudge=None):
 
 def recorded(trace, first=0, ticks=TICKS):
     """Snapshots of the trace itself."""
-    return [tick["after"] for tick in trace.at_once.ticks[first : first + ticks]]
+    return [tick["after"] for tick in trace.ticks[first : first + ticks]]
 
 
 def in_fine_herd(trace, first, ticks=TICKS):
     """Snapshots of herd's own simulator at 0.1 ms under the same torques without feedback."""
-    start = trace.moved_back((trace.step_secs - FINE_SECS) / 2)
-    return recorded(start.replayed(first * TICK_SECS, ticks * TICK_SECS, *FINE))
+    return recorded(trace.replayed(first * TICK_SECS, ticks * TICK_SECS, *FINE))
 
 
 def errors(a, b):
@@ -87,7 +86,7 @@ def summary(rows):
 
 def work(trace, first, snapshots):
     """Work of the motors over a run, J: the torques are the trace's, the speeds the run's."""
-    before = [trace.at_once.state(first), *snapshots[:-1]]
+    before = [trace.state(first), *snapshots[:-1]]
     speeds = [(np.array(a["joint_speeds"]) + b["joint_speeds"]) / 2 for a, b in zip(before, snapshots, strict=True)]
     torques = [tick["torques"] for tick in trace.ticks[first : first + len(snapshots)]]
     return float(sum(np.dot(t, s) for t, s in zip(torques, speeds, strict=True)) * TICK_SECS)
@@ -130,7 +129,7 @@ def variants(xml):
 def in_the_air(xml, trace, secs=0.1, height=2.0):
     """The same torques two metres up, where no contact decides: only bodies, joints and integrators are compared."""
 
-    def lifted(_, state):
+    def lifted(state):
         x, y, z = state["position"]
         return state | {"position": [x, y, z + height]}
 
@@ -192,7 +191,7 @@ def one(xml, trace, first, kind):
         "load": {"herd": load(ours, weight), "mujoco": load(theirs, weight)},
         "work_j": {"herd": work(trace, first, ours), "mujoco": work(trace, first, theirs)},
         "energy_j": {
-            "start": judge.energy(trace.at_once.state(first)),
+            "start": judge.energy(trace.state(first)),
             "herd": judge.energy(ours[-1]),
             "mujoco": judge.energy(theirs[-1]),
         },

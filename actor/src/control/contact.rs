@@ -43,7 +43,7 @@ pub(super) fn notice(
     let mut changed = false;
     for leg in Leg::ALL {
         let duty = &mut duties[leg.index()];
-        let touches = contacts.normal[leg.index()] > config.early_contact_n;
+        let touches = contacts.feet[leg.index()] && contacts.normal[leg.index()] > config.early_contact_n;
         if duty.stands() || !touches {
             continue;
         }

@@ -212,7 +212,7 @@ impl Controller {
             self.ticks_to_solve = ((self.config.mpc.period_secs / self.tick_secs).round() as u32).max(1);
         }
         self.ticks_to_solve -= 1;
-        let torques = Leg::ALL.map(|leg| self.leg_torques(leg, body, contacts.normal[leg.index()] > 0.0));
+        let torques = Leg::ALL.map(|leg| self.leg_torques(leg, body, contacts.feet[leg.index()]));
         self.advance(&motion);
         torques.map(|leg| leg.map(|torque| self.within_limit(torque)))
     }
@@ -384,8 +384,8 @@ mod tests {
         loose.config.swing.grip_nspm = 0.0;
         let state = standing(&model, Vector3::x());
         let body = Body::new(&model, &state);
-        let mut contacts = Contacts { normal: [30.0; 4], ..Contacts::default() };
-        contacts.normal[Leg::FrontRight.index()] = 0.0;
+        let mut contacts = Contacts { normal: [30.0; 4], feet: [true; 4], ..Contacts::default() };
+        contacts.feet[Leg::FrontRight.index()] = false;
         for controller in [&mut gripping, &mut loose] {
             controller.begin(&GAIT, &body);
         }

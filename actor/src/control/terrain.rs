@@ -44,7 +44,7 @@ impl Terrain {
         let feet = self.feet.get_or_insert(here);
         for leg in Leg::ALL {
             let i = leg.index();
-            if duties[i].stands() && contacts.normal[i] > 0.0 {
+            if duties[i].stands() && contacts.feet[i] {
                 feet[i] = here[i];
             }
         }

@@ -248,6 +248,55 @@ fn the_feet_carry_the_weight_and_the_robot_stays_put() {
     assert!(!contacts.trunk && !contacts.knee);
 }
 
+/// The first tick, from 1, after which any foot is on the ground, of a robot that falls from this high above it, m.
+fn touchdown(clearance: f64, substeps: usize) -> u32 {
+    let config = Config::load(None, &[format!("sim.substeps={substeps}")]).expect("valid");
+    let model = Model::new(&config.robot);
+    let start = Start {
+        position: Vector3::new(0.0, 0.0, model.standing_height() + clearance),
+        rotation: UnitQuaternion::identity(),
+        joints: model.nominal_stance(),
+    };
+    let mut world = World::new(&model, &config.sim, &start);
+    let lands = |_: &u32| {
+        world.tick(&torques(0.0));
+        world.contacts().feet.contains(&true)
+    };
+    (1..200).find(lands).expect("it lands")
+}
+
+#[test]
+fn a_foot_is_on_the_ground_from_the_tick_in_which_it_arrives() {
+    for clearance in (0..40).map(|i| 0.01 + 1e-4 * f64::from(i)) {
+        // Nothing moves the legs in a free fall.
+        let ticks = (2.0 * clearance / GRAVITY).sqrt() / Config::default().sim.tick_secs;
+        if (ticks - ticks.round()).abs() < 0.02 {
+            continue; // On the border `f32` decides.
+        }
+        for substeps in [1, 2, 4] {
+            let found = touchdown(clearance, substeps);
+            assert_eq!(f64::from(found), ticks.ceil(), "arrives at {ticks} ticks, {substeps} substeps");
+        }
+    }
+}
+
+#[test]
+fn velocities_of_feet_are_those_of_kinematics() {
+    let (_, model, mut world) = setup(2.0, &[]);
+    (0..30).for_each(|_| world.tick(&torques(1.0)));
+    let found = world.foot_velocities();
+    let state = world.ahead();
+    for leg in Leg::ALL {
+        let posture = model.geometry.posture(leg, &state.joints[leg.index()]);
+        let foot = model.geometry.foot();
+        let swing = posture.jacobian(foot) * state.joint_speeds[leg.index()];
+        let arm = state.rotation * posture.position(foot);
+        let expected = state.velocity + state.angular_velocity.cross(&arm) + state.rotation * swing;
+        let apart = (found[leg.index()] - expected).norm();
+        assert!(apart < 1e-3 && expected.norm() > 0.5, "{leg:?}: {} {expected}", found[leg.index()]);
+    }
+}
+
 #[test]
 fn a_limp_robot_ends_on_its_knees_or_trunk() {
     let (_, _, mut world) = standing();

@@ -24,6 +24,9 @@ pub struct Snapshot {
     pub normal: [f64; 4],
     /// Magnitude of the friction force on each foot, mean over the last tick, N.
     pub friction: [f64; 4],
+    /// Each foot that is on the ground; unless told, one that has a normal force.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub feet: Option<[bool; 4]>,
     /// The trunk touches the ground.
     #[serde(default)]
     pub trunk: bool,
@@ -45,6 +48,7 @@ impl Snapshot {
             joint_speeds: flat(&state.joint_speeds),
             normal: contacts.normal,
             friction: contacts.friction,
+            feet: Some(contacts.feet),
             trunk: contacts.trunk,
             knee: contacts.knee,
         }
@@ -65,7 +69,8 @@ impl Snapshot {
 
     /// The ground contact.
     pub fn contacts(&self) -> Contacts {
-        Contacts { normal: self.normal, friction: self.friction, trunk: self.trunk, knee: self.knee }
+        let feet = self.feet.unwrap_or(self.normal.map(|force| force > 0.0));
+        Contacts { normal: self.normal, friction: self.friction, feet, trunk: self.trunk, knee: self.knee }
     }
 }
 
@@ -93,11 +98,14 @@ mod tests {
             joints: std::array::from_fn(|i| Vector3::new(0.1, 0.2, i as f64)),
             joint_speeds: std::array::from_fn(|i| Vector3::new(i as f64, -0.1, -0.2)),
         };
-        let contacts = Contacts { normal: [1.0, 2.0, 3.0, 4.0], friction: [0.5; 4], trunk: false, knee: true };
+        let feet = [true, false, true, true];
+        let contacts = Contacts { normal: [1.0, 2.0, 3.0, 0.0], friction: [0.5; 4], feet, trunk: false, knee: true };
         let snapshot = Snapshot::new(&state, &contacts);
         assert_eq!(snapshot.joints[3..6], [0.1, 0.2, 1.0]);
         let back = snapshot.state();
         assert!(back.rotation.angle_to(&state.rotation) < 1e-12);
         assert_eq!((RobotState { rotation: state.rotation, ..back }, snapshot.contacts()), (state, contacts));
+        let untold = Snapshot { feet: None, ..snapshot };
+        assert_eq!(untold.contacts().feet, [true, true, true, false]);
     }
 }

@@ -10,7 +10,7 @@
 //! `lead_secs`, and whatever changes velocities between two ticks moves rapier's pose along.
 
 use super::build::{self, Handles, ROOT_DOFS};
-use super::contact::{self, Contacts};
+use super::contact::{self, Contacts, Velocities};
 use super::convert::{rotation_from_sim, vector_from_sim, vector_to_sim};
 use super::ground::Ground;
 use crate::robot::{Leg, Model};
@@ -70,6 +70,8 @@ pub struct World {
     handles: Handles,
     dofs: [[usize; 3]; 4],
     push: Option<(Vector, u32)>,
+    contacts: Contacts,
+    foot_velocities: Velocities,
 }
 
 impl RobotState {
@@ -108,7 +110,8 @@ impl World {
         let mut physics = build::world(config, site);
         let handles = build::robot(&mut physics, model, config, site, start);
         let dofs = handles.joints.map(|leg| leg.map(|joint| build::dof(&physics, joint)));
-        Self { physics, handles, dofs, push: None }
+        let (contacts, foot_velocities) = (Contacts::default(), Velocities::default());
+        Self { physics, handles, dofs, push: None, contacts, foot_velocities }
     }
 
     /// Advances by one tick under these joint torques, N·m.
@@ -122,6 +125,10 @@ impl World {
             self.push = (ticks > 1).then_some((force, ticks - 1));
         }
         self.physics.step();
+        let foot_velocities = contact::velocities(&self.physics, &self.handles);
+        let both = [&self.foot_velocities, &foot_velocities];
+        self.contacts = contact::read(&self.physics, &self.handles, &self.contacts, both);
+        self.foot_velocities = foot_velocities;
     }
 
     /// Pushes the trunk's origin with a world force (N) for this many ticks from the next one on.
@@ -157,7 +164,7 @@ impl World {
     }
 
     /// The robot as rapier has it: its pose leads by `lead_secs`.
-    fn ahead(&self) -> RobotState {
+    pub(super) fn ahead(&self) -> RobotState {
         let trunk = &self.physics.bodies[self.handles.trunk];
         let speeds = self.multibody().generalized_velocity();
         let speed = |dof: usize| f64::from(speeds[dof]);
@@ -175,14 +182,20 @@ impl World {
         }
     }
 
-    /// Ground contact over the last tick.
+    /// Ground contact over the last tick; none before the first.
     pub fn contacts(&self) -> Contacts {
-        contact::read(&self.physics, &self.handles)
+        self.contacts
     }
 
     /// True when rapier had to take bodies out of the simulation because their numbers were not finite.
     pub fn has_diverged(&self) -> bool {
         !self.physics.quarantine().is_empty()
+    }
+
+    /// Velocities of the feet in rapier's pose, world, m/s.
+    #[cfg(test)]
+    pub(super) fn foot_velocities(&self) -> &Velocities {
+        &self.foot_velocities
     }
 
     /// Half a solver step, s.
@@ -202,6 +215,7 @@ impl World {
         multibody.apply_displacements(&changes);
         multibody.forward_kinematics(&self.physics.bodies, false);
         multibody.update_rigid_bodies(&mut self.physics.bodies, true);
+        self.foot_velocities = contact::velocities(&self.physics, &self.handles);
     }
 
     fn multibody(&self) -> &Multibody {
