@@ -29,7 +29,8 @@ All other answers are the robot as it is then:
   {\"position\":[3],\"quaternion\":[4],\"velocity\":[3],\"angular_velocity\":[3],\"joints\":[12],\"joint_speeds\":[12],
    \"normal\":[4],\"friction\":[4],\"trunk\":false,\"knee\":false}
 World frame, z up, ground at z = 0; quaternion w x y z; m, m/s, rad, rad/s, N·m, N; joints FL FR RL RR, each hip roll, hip
-pitch, knee; forces are means over the tick. tests/sim2sim/closed_loop.py drives MuJoCo so.")]
+pitch, knee; forces are means over the tick. \"feet\":[4] may tell which feet are on the ground at its end; if not, those
+with a normal force are. tests/sim2sim/closed_loop.py drives MuJoCo so.")]
 pub(crate) struct Args {
     #[command(flatten)]
     walker: WalkerArgs,
