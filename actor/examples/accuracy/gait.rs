@@ -1,7 +1,8 @@
 //! Closed loop: the same trot under the whole controller with every step, over speeds and seeds, calm and pushed.
 //!
 //! A calm trot rolls by a milliradian, the pattern in which steps and footfalls meet; pushes from all sides make it roll
-//! in earnest. Differences are paired by seed and pooled over the speeds; beside each mean stands its standard error.
+//! in earnest. Differences are paired by seed and pooled over the speeds; beside each mean stands its standard error. A
+//! walk that ends in a fall is in them as far as it went: where there are falls, a row means little.
 
 use crate::Steps;
 use anyhow::Context;
@@ -15,6 +16,8 @@ use std::thread;
 
 /// What the others are compared with.
 const YARDSTICK: Steps = Steps::new(0.002, 4);
+/// The default, told at each speed.
+const ONE_STEP: Steps = Steps::new(0.002, 1);
 /// Speeds asked for, m/s.
 const SPEEDS: [f64; 13] = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4];
 /// Names of the conditions, and their settings.
@@ -51,13 +54,13 @@ pub(crate) fn tables(seeds: u64) -> anyhow::Result<String> {
             let found = walks(steps, sets, seeds)?;
             let all: Vec<usize> = (0..SPEEDS.len()).collect();
             writeln!(pooled, "| {}, {condition} {}", steps.name(), differences(&found, yardstick, &all)?)?;
-            for (speed, wanted) in SPEEDS.iter().enumerate().filter(|_| steps == Steps::JUDGED[0]) {
+            for (speed, wanted) in SPEEDS.iter().enumerate().filter(|_| steps == ONE_STEP) {
                 writeln!(each, "| {condition}, {wanted} {}", differences(&found, yardstick, &[speed])?)?;
             }
         }
     }
     write!(out, "\nDifference from it, all speeds together, % ± standard error:\n\n{pooled}")?;
-    write!(out, "\nThe same of {} at each speed:\n\n{each}", Steps::JUDGED[0].name())?;
+    write!(out, "\nThe same of {} at each speed:\n\n{each}", ONE_STEP.name())?;
     Ok(out)
 }
 

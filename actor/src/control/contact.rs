@@ -57,3 +57,29 @@ pub(super) fn notice(
     }
     changed
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gait::Pair;
+    use herd_common::config::Config;
+
+    #[test]
+    fn a_foot_that_has_yet_to_arrive_does_not_stand() {
+        let config = Config::default();
+        let mut schedule = Schedule::new(Pair::FrontLeftRearRight, 0.2, config.sim.tick_secs);
+        (0..90).for_each(|_| schedule.tick());
+        let swing = Swing { from: Vector3::zeros(), lift: 0.03, duration: 0.2, advance_share: 1.0 };
+        let flies = Duty::Flies { swing, ticks: 90, target: Vector3::zeros() };
+        let mut duties = [flies, Duty::Stands, Duty::Stands, flies];
+        let mut counts = Counts::default();
+        let mut notices = |contacts: &Contacts| {
+            let changed = notice(&mut duties, &schedule, contacts, &config.control.swing, &mut counts);
+            (changed, duties.map(|duty| duty.stands()), counts.early_contacts)
+        };
+        let slowed = Contacts { normal: [60.0; 4], feet: [false, true, true, false], ..Contacts::default() };
+        assert_eq!(notices(&slowed), (false, [false, true, true, false], 0));
+        let landed = Contacts { feet: [true, true, true, false], ..slowed };
+        assert_eq!(notices(&landed), (true, [true, true, true, false], 1));
+    }
+}

@@ -98,6 +98,10 @@ fn plane(points: &[Vector3<f64>; 4]) -> (Vector3<f64>, Vector2<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::robot::Model;
+    use crate::sim::RobotState;
+    use herd_common::config::Config;
+    use nalgebra::UnitQuaternion;
 
     fn on_plane(gradient: Vector2<f64>) -> [Vector3<f64>; 4] {
         [[0.1, 0.09], [0.05, -0.08], [-0.09, 0.1], [-0.07, -0.09]].map(|[x, y]| {
@@ -116,6 +120,29 @@ mod tests {
         let expected = 0.3 + gradient.dot(&(place - Vector2::new(1.0, -2.0)));
         assert!((terrain.height(&place) - expected).abs() < 1e-9);
         assert!((terrain.climb(&Vector2::new(2.0, 1.0)) - 0.3).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_foot_that_has_yet_to_arrive_tells_nothing() {
+        let model = Model::new(&Config::default().robot);
+        let state = |z: f64| RobotState {
+            position: Vector3::z() * z,
+            rotation: UnitQuaternion::identity(),
+            velocity: Vector3::zeros(),
+            angular_velocity: Vector3::zeros(),
+            joints: model.nominal_stance(),
+            joint_speeds: [Vector3::zeros(); 4],
+        };
+        let mut terrain = Terrain::level();
+        let mut feel = |z: f64, feet: [bool; 4]| {
+            let contacts = Contacts { normal: [60.0; 4], feet, ..Contacts::default() };
+            terrain.feel(&Body::new(&model, &state(z)), &[Duty::Stands; 4], &contacts, 0.002);
+            terrain.feet.expect("it has felt").map(|foot| foot.z)
+        };
+        let first = feel(0.2, [true; 4]);
+        let later = feel(0.3, [false, true, true, true]);
+        assert_eq!(later[0], first[0]);
+        assert!((later[1] - first[1] - 0.1).abs() < 1e-12, "{later:?}");
     }
 
     #[test]

@@ -1,18 +1,24 @@
-//! Reads ground contact out of a stepped world: forces on the feet, and whether trunk or knees touch.
+//! Reads ground contact out of a stepped world: forces on the feet, which of them are on the ground, and whether trunk or
+//! knees touch it.
 //!
 //! A force here is the impulse over one tick divided by its length, so a touchdown peaks the higher the shorter the
 //! tick is: consumers average.
 //!
 //! Rapier looks ahead: it slows a foot that is d above the ground and would be there within a solver step of length h to
-//! d/h, so that it arrives at the end of that step. Poses lead by half a step, so a foot of speed v arrives d/v after
-//! the middle of the step that slows it: before the step's end if it has lost more than half of its speed, else in the
-//! tick to come. Were every slowed foot held to be on the ground, a long step would tell earlier than four short ones.
+//! d/h, so that it arrives at the end of that step. Poses lead by half a step, so a foot that would have had the speed v
+//! arrives d/v after the middle of the step that slows it: before the step's end if it has lost more than half of that
+//! speed, else in the tick to come. Were every slowed foot held to be on the ground, a long step would tell earlier than
+//! four short ones. Trunk and knees, whose touch ends an episode, are told as soon as they are slowed.
 
 use super::build::Handles;
 use super::convert::vector_from_sim;
+use super::world::ROBOT;
 use crate::robot::Leg;
-use nalgebra::Vector3;
+use nalgebra::{DVector, Vector3};
 use rapier3d::prelude::*;
+
+/// A slowed foot that sinks no faster than this is on the ground, whatever it had before, m/s.
+const STILL: f64 = 1e-3;
 
 /// Ground contact over one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -29,69 +35,84 @@ pub struct Contacts {
     pub knee: bool,
 }
 
-/// Velocities of the feet, world, m/s.
-pub(super) type Velocities = [Vector3<f64>; 4];
+/// What has to be known of the time before a tick.
+#[derive(Default)]
+pub(super) struct Before {
+    /// Generalised velocities.
+    pub(super) speeds: DVector<f32>,
+    /// Feet that the last solver step pressed on.
+    pressed: [bool; 4],
+}
 
-/// Contact over the tick after `last`, which took the feet from the one velocities to the other.
-pub(super) fn read(world: &PhysicsWorld, handles: &Handles, last: &Contacts, feet: [&Velocities; 2]) -> Contacts {
-    let forces = handles.feet.map(|foot| force(world, foot));
-    let normal = forces.map(|(normal, _)| normal);
-    let on_ground = |leg: Leg| {
-        let i = leg.index();
-        let was_slowed = last.normal[i] > 0.0;
-        normal[i] > 0.0 && (was_slowed || has_arrived(&upwards(world, handles.feet[i]), feet.map(|of| &of[i])))
-    };
+/// What a collider met in a tick.
+#[derive(Default)]
+struct Touch {
+    /// Impulses along the normals and across, N·s.
+    normal: f64,
+    friction: f64,
+    /// The mean normal, away from the ground, of any length.
+    up: Vector3<f64>,
+    /// The last solver step pressed on it too.
+    pressed: bool,
+}
+
+/// Contact over the tick that has been stepped; `before` then belongs to the next.
+pub(super) fn read(world: &PhysicsWorld, handles: &Handles, before: &mut Before) -> Contacts {
+    let touches = handles.feet.map(|foot| touch(world, foot));
+    let secs = f64::from(world.integration_parameters.dt);
+    let feet = Leg::ALL.map(|leg| {
+        let (i, touch) = (leg.index(), &touches[leg.index()]);
+        touch.pressed && (before.pressed[i] || has_arrived(world, handles, leg, &touch.up, &before.speeds))
+    });
+    for (pressed, touch) in before.pressed.iter_mut().zip(&touches) {
+        *pressed = touch.pressed;
+    }
     Contacts {
-        normal,
-        friction: forces.map(|(_, friction)| friction),
-        feet: Leg::ALL.map(on_ground),
-        trunk: touches(world, handles.trunk_box),
-        knee: handles.knees.iter().any(|knee| touches(world, *knee)),
+        normal: touches.each_ref().map(|touch| touch.normal / secs),
+        friction: touches.each_ref().map(|touch| touch.friction / secs),
+        feet,
+        trunk: touch(world, handles.trunk_box).normal > 0.0,
+        knee: handles.knees.iter().any(|knee| touch(world, *knee).normal > 0.0),
     }
 }
 
-/// Velocities of the feet in rapier's pose.
-pub(super) fn velocities(world: &PhysicsWorld, handles: &Handles) -> Velocities {
-    Leg::ALL.map(|leg| {
-        let i = leg.index();
-        let (multibody, calf) = world.multibody_joints.get(handles.joints[i][2]).expect("the robot stays in the world");
-        let calf_velocity = multibody.body_jacobian(calf) * multibody.generalized_velocity();
-        let [linear, angular] = [0, 3].map(|row| Vector3::from_fn(|i, _| f64::from(calf_velocity[row + i])));
-        let arm = world.colliders[handles.feet[i]].translation() - world.bodies[handles.links[i][2]].center_of_mass();
-        linear + angular.cross(&vector_from_sim(arm))
-    })
-}
-
-/// Whether a foot that rapier has slowed from the first velocity to the second is on the ground by now.
-fn has_arrived(up: &Vector3<f64>, velocities: [&Vector3<f64>; 2]) -> bool {
-    let [before, after] = velocities.map(|velocity| -velocity.dot(up));
-    after <= before.max(0.0) / 2.0
-}
-
-/// The ground's normal where a collider touches it.
-fn upwards(world: &PhysicsWorld, collider: ColliderHandle) -> Vector3<f64> {
-    let mut manifolds = world.narrow_phase.contact_pairs_with(collider).flat_map(ContactPair::solver_manifolds);
-    let normal = manifolds.find(|manifold| !manifold.points.is_empty()).map_or(Vector::Z, |m| m.data.normal);
-    // Which of the two bodies it points away from is the pair's affair; the ground is always below.
-    vector_from_sim(normal * normal.z.signum())
-}
-
-/// Normal force and friction magnitude on a collider, N.
-fn force(world: &PhysicsWorld, collider: ColliderHandle) -> (f64, f64) {
-    let mut normal = 0.0;
-    let mut friction = 0.0;
-    for manifold in world.narrow_phase.contact_pairs_with(collider).flat_map(ContactPair::solver_manifolds) {
-        normal += manifold.points.iter().map(|point| f64::from(point.data.impulse)).sum::<f64>();
-        // Only within one manifold do tangents share their directions.
-        friction +=
-            manifold.points.iter().map(|point| point.data.tangent_impulse.cast::<f64>()).sum::<Vector2>().norm();
+fn touch(world: &PhysicsWorld, collider: ColliderHandle) -> Touch {
+    let mut touch = Touch::default();
+    for pair in world.narrow_phase.contact_pairs_with(collider) {
+        // Normals point from the first collider to the second.
+        let away = if pair.collider1 == collider { -1.0 } else { 1.0 };
+        for manifold in pair.solver_manifolds() {
+            let points = || manifold.points.iter().map(|point| &point.data);
+            let impulse: f64 = points().map(|point| f64::from(point.impulse)).sum();
+            touch.normal += impulse;
+            touch.up += vector_from_sim(manifold.data.normal) * (away * impulse);
+            touch.pressed |= points().any(|point| point.warmstart_impulse > 0.0);
+            // Only within one manifold do tangents share their directions.
+            touch.friction += points().map(|point| point.tangent_impulse.cast::<f64>()).sum::<Vector2>().norm();
+        }
     }
-    let dt = f64::from(world.integration_parameters.dt);
-    (normal / dt, friction / dt)
+    touch
 }
 
 type Vector2 = rapier3d::na::Vector2<f64>;
 
-fn touches(world: &PhysicsWorld, collider: ColliderHandle) -> bool {
-    force(world, collider).0 > 0.0
+/// Whether a foot that is being slowed for the first time is on the ground by now.
+fn has_arrived(world: &PhysicsWorld, handles: &Handles, leg: Leg, up: &Vector3<f64>, before: &DVector<f32>) -> bool {
+    let (multibody, _) = world.multibody_joints.get(handles.joints[leg.index()][2]).expect(ROBOT);
+    let free = before + multibody.generalized_acceleration() * world.integration_parameters.dt;
+    let now = multibody.generalized_velocity().into_owned();
+    let sinking = |speeds| -foot_velocity(world, handles, leg, speeds).dot(up) / up.norm();
+    sinking(&now) <= (sinking(&free) / 2.0).max(STILL)
+}
+
+/// Velocity of a foot in rapier's pose at these generalised velocities, world, m/s.
+pub(super) fn foot_velocity(world: &PhysicsWorld, handles: &Handles, leg: Leg, speeds: &DVector<f32>) -> Vector3<f64> {
+    let [_, _, calf] = handles.links[leg.index()];
+    let (multibody, link) = world.multibody_joints.get(handles.joints[leg.index()][2]).expect(ROBOT);
+    let velocity = multibody.body_jacobian(link) * speeds;
+    let [linear, angular] = [0, 3].map(|row| Vector3::from_fn(|axis, _| f64::from(velocity[row + axis])));
+    let (body, foot) = (&world.bodies[calf], &world.colliders[handles.feet[leg.index()]]);
+    let in_calf = foot.position_wrt_parent().map_or(Vector::ZERO, |pose| pose.translation);
+    let arm = *body.rotation() * (in_calf - body.local_center_of_mass());
+    linear + angular.cross(&vector_from_sim(arm))
 }

@@ -11,7 +11,7 @@ pub trait Plant: Send {
     fn tick(&mut self, torques: &[Vector3<f64>; 4]);
     /// Pushes the trunk's origin with a world force (N) for this many ticks from the next one on.
     fn push(&mut self, force: &Vector3<f64>, ticks: u32);
-    /// Adds to the velocity of the trunk and everything attached to it, world, m/s.
+    /// Adds to the velocity of the trunk and everything attached to it, world, m/s; pose and joint angles stay.
     fn add_velocity(&mut self, change: &Vector3<f64>);
     /// The robot's state after the last tick.
     fn state(&self) -> RobotState;

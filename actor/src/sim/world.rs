@@ -5,12 +5,13 @@
 //! from the multibody's generalised ones: those of the bodies lag by a solver step.
 //!
 //! A solver step of length h first changes the velocities, then moves the pose by h times the new ones (symplectic
-//! Euler), which alone is of first order. The same numbers are those of position Verlet, of second order, once the pose
-//! is read half a step earlier: move by h/2, change the velocities there, move by h/2. So rapier's pose leads ours by
-//! `lead_secs`, and whatever changes velocities between two ticks moves rapier's pose along.
+//! Euler), which alone is of first order. The same numbers are those of position Verlet, once the pose is read half a step
+//! earlier: move by h/2, change the velocities there, move by h/2. That is exact in a free fall and of second order for
+//! forces that depend on the pose; rapier's Coriolis and damping terms stay of first order. So rapier's pose leads ours by
+//! `lead_secs`, and whoever changes velocities between two ticks has to move it along.
 
 use super::build::{self, Handles, ROOT_DOFS};
-use super::contact::{self, Contacts, Velocities};
+use super::contact::{self, Before, Contacts};
 use super::convert::{rotation_from_sim, vector_from_sim, vector_to_sim};
 use super::ground::Ground;
 use crate::robot::{Leg, Model};
@@ -70,8 +71,8 @@ pub struct World {
     handles: Handles,
     dofs: [[usize; 3]; 4],
     push: Option<(Vector, u32)>,
+    before: Before,
     contacts: Contacts,
-    foot_velocities: Velocities,
 }
 
 impl RobotState {
@@ -110,8 +111,7 @@ impl World {
         let mut physics = build::world(config, site);
         let handles = build::robot(&mut physics, model, config, site, start);
         let dofs = handles.joints.map(|leg| leg.map(|joint| build::dof(&physics, joint)));
-        let (contacts, foot_velocities) = (Contacts::default(), Velocities::default());
-        Self { physics, handles, dofs, push: None, contacts, foot_velocities }
+        Self { physics, handles, dofs, push: None, before: Before::default(), contacts: Contacts::default() }
     }
 
     /// Advances by one tick under these joint torques, N·m.
@@ -124,11 +124,9 @@ impl World {
             self.body(self.handles.trunk).add_force(force, true);
             self.push = (ticks > 1).then_some((force, ticks - 1));
         }
+        self.before.speeds = self.multibody().generalized_velocity().into_owned();
         self.physics.step();
-        let foot_velocities = contact::velocities(&self.physics, &self.handles);
-        let both = [&self.foot_velocities, &foot_velocities];
-        self.contacts = contact::read(&self.physics, &self.handles, &self.contacts, both);
-        self.foot_velocities = foot_velocities;
+        self.contacts = contact::read(&self.physics, &self.handles, &mut self.before);
     }
 
     /// Pushes the trunk's origin with a world force (N) for this many ticks from the next one on.
@@ -194,8 +192,9 @@ impl World {
 
     /// Velocities of the feet in rapier's pose, world, m/s.
     #[cfg(test)]
-    pub(super) fn foot_velocities(&self) -> &Velocities {
-        &self.foot_velocities
+    pub(super) fn foot_velocities(&self) -> [Vector3<f64>; 4] {
+        let speeds = self.multibody().generalized_velocity().into_owned();
+        Leg::ALL.map(|leg| contact::foot_velocity(&self.physics, &self.handles, leg, &speeds))
     }
 
     /// Half a solver step, s.
@@ -215,7 +214,6 @@ impl World {
         multibody.apply_displacements(&changes);
         multibody.forward_kinematics(&self.physics.bodies, false);
         multibody.update_rigid_bodies(&mut self.physics.bodies, true);
-        self.foot_velocities = contact::velocities(&self.physics, &self.handles);
     }
 
     fn multibody(&self) -> &Multibody {
@@ -247,6 +245,6 @@ impl World {
     }
 }
 
-const ROBOT: &str = "the robot stays in the world";
+pub(super) const ROBOT: &str = "the robot stays in the world";
 /// Index of a revolute joint's angle in rapier's six joint coordinates.
 const REVOLUTE: usize = 3;

@@ -156,7 +156,7 @@ impl Config {
     /// Names what actor and learner must agree on: spaces, task, robot, controller, scenario, simulator.
     pub fn task_hash(&self) -> String {
         let blocks: Vec<_> = self.task.kind.observation().map(|b| (b.meaning, b.scale.to_bits())).collect();
-        let parts = (blocks, CONTROLLER_REVISION);
+        let parts = (blocks, REVISION);
         let task = self.task.identity();
         let text = serde_json::to_string(&(parts, &task, &self.control, &self.scenario, &self.sim, &self.robot));
         sha256_hex(text.expect("plain data serialises"))
@@ -207,7 +207,7 @@ impl Config {
 }
 
 /// Counts changes of controller and simulator that no configuration key shows; part of the task hash.
-const CONTROLLER_REVISION: u32 = 5;
+const REVISION: u32 = 5;
 
 fn read(path: &Path) -> Result<String, Error> {
     std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })

@@ -22,7 +22,7 @@ Examples:
 herd asks, one JSON line each; the other program answers each but the last with one line:
   {\"reset\":{\"position\":[3],\"quaternion\":[4],\"joints\":[12]}}   start from this pose, at rest
   {\"tick\":{\"torques\":[12],\"push\":[3]}}                        simulate sim.tick_secs; push (N) only if there is one
-  {\"add_velocity\":[3]}                                         add to the trunk's velocity
+  {\"add_velocity\":[3]}                                         add to the trunk's velocity, pose and joints stay
   {\"observe\":[56 or 59]}                                       what the policy would see; answer {\"action\":[n]}
   {\"end\":{\"outcome\":{...},\"figures\":{...}}}                    the episode is over
 All other answers are the robot as it is then:

@@ -21,7 +21,8 @@ Examples:
   herd export trace --replay trot.jsonl --at 1.05 --secs 0.5                  its torques, without feedback
   herd export trace --replay trot.jsonl --set sim.tick_secs=0.0001            the same in finer steps
 A tick holds t (s, after it), the decision it belongs to, joint torques over it (N·m, FL FR RL RR, each hip roll, hip
-pitch, knee) and the robot after it: world frame, quaternion w x y z, forces are means over the tick.")]
+pitch, knee) and the robot after it: world frame, quaternion w x y z, forces are means over the tick, feet tells which are
+on the ground at its end.")]
 pub(crate) struct Args {
     #[command(flatten)]
     walker: WalkerArgs,
