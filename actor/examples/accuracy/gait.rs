@@ -1,7 +1,7 @@
 //! Closed loop: the same trot under the whole controller with every step, over speeds and seeds, calm and pushed.
 //!
 //! A calm trot rolls by a milliradian, the pattern in which steps and footfalls meet; pushes from all sides make it roll
-//! in earnest. Differences are paired by seed and pooled over the speeds; beside each mean stands its standard error. A
+//! in earnest. Differences are paired by seed, every speed counts alike; beside each mean stands its standard error. A
 //! walk that ends in a fall is in them as far as it went: where there are falls, a row means little.
 
 use crate::Steps;
@@ -97,16 +97,16 @@ fn walk(config: &Config, seed: u64) -> [Figures; SPEEDS.len()] {
     })
 }
 
-/// Falls, and how far the sum of each other figure over these speeds is from the yardstick's, as cells of a table.
+/// Falls, and how far each other figure is from the yardstick's, mean over these speeds, as cells of a table.
 fn differences(found: &Walks, yardstick: &Walks, speeds: &[usize]) -> anyhow::Result<String> {
-    let sums = |walks: &Walks, i: usize| -> Vec<f64> {
-        walks.iter().map(|seed| speeds.iter().map(|speed| seed[*speed][i]).sum()).collect()
-    };
-    let mut cells = format!("| {} |", sums(found, 0).iter().sum::<f64>());
+    let falls: f64 = found.iter().flat_map(|seed| speeds.iter().map(|speed| seed[*speed][0])).sum();
+    let mut cells = format!("| {falls} |");
     for i in 1..NAMES.len() {
-        let (ours, theirs) = (sums(found, i), sums(yardstick, i));
-        let base = mean(theirs.iter().copied());
-        let percent: Vec<f64> = ours.iter().zip(&theirs).map(|(a, b)| 100.0 * (a - b) / base).collect();
+        let bases: Vec<f64> = speeds.iter().map(|speed| mean(yardstick.iter().map(|seed| seed[*speed][i]))).collect();
+        let of_seed = |(ours, theirs): (&[Figures; SPEEDS.len()], &[Figures; SPEEDS.len()])| {
+            mean(speeds.iter().zip(&bases).map(|(speed, base)| 100.0 * (ours[*speed][i] - theirs[*speed][i]) / base))
+        };
+        let percent: Vec<f64> = found.iter().zip(yardstick).map(of_seed).collect();
         let middle = mean(percent.iter().copied());
         let squares: f64 = percent.iter().map(|d| (d - middle).powi(2)).sum();
         let count = percent.len() as f64;

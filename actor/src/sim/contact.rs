@@ -8,7 +8,8 @@
 //! d/h, so that it arrives at the end of that step. Poses lead by half a step, so a foot that would have had the speed v
 //! arrives d/v after the middle of the step that slows it: before the step's end if it has lost more than half of that
 //! speed, else in the tick to come. Were every slowed foot held to be on the ground, a long step would tell earlier than
-//! four short ones. Trunk and knees, whose touch ends an episode, are told as soon as they are slowed.
+//! four short ones. Trunk and knees, whose touch ends an episode, are told as soon as they are slowed. A foot stands as long
+//! as any step of the tick presses on it: with several steps a tick some press and some do not.
 
 use super::build::Handles;
 use super::convert::vector_from_sim;
@@ -27,7 +28,7 @@ pub struct Contacts {
     pub normal: [f64; 4],
     /// Magnitude of the friction force on each foot, N.
     pub friction: [f64; 4],
-    /// Each foot that is on the ground at the tick's end.
+    /// Each foot that has arrived on the ground by the tick's end and was pressed on in the tick.
     pub feet: [bool; 4],
     /// The trunk touches the ground.
     pub trunk: bool,
@@ -40,7 +41,7 @@ pub struct Contacts {
 pub(super) struct Before {
     /// Generalised velocities.
     pub(super) speeds: DVector<f32>,
-    /// Feet that the last solver step pressed on.
+    /// Feet that the tick before it pressed on.
     pressed: [bool; 4],
 }
 
@@ -52,8 +53,6 @@ struct Touch {
     friction: f64,
     /// The mean normal, away from the ground, of any length.
     up: Vector3<f64>,
-    /// The last solver step pressed on it too.
-    pressed: bool,
 }
 
 /// Contact over the tick that has been stepped; `before` then belongs to the next.
@@ -62,11 +61,9 @@ pub(super) fn read(world: &PhysicsWorld, handles: &Handles, before: &mut Before)
     let secs = f64::from(world.integration_parameters.dt);
     let feet = Leg::ALL.map(|leg| {
         let (i, touch) = (leg.index(), &touches[leg.index()]);
-        touch.pressed && (before.pressed[i] || has_arrived(world, handles, leg, &touch.up, &before.speeds))
+        touch.normal > 0.0 && (before.pressed[i] || has_arrived(world, handles, leg, &touch.up, &before.speeds))
     });
-    for (pressed, touch) in before.pressed.iter_mut().zip(&touches) {
-        *pressed = touch.pressed;
-    }
+    before.pressed = touches.each_ref().map(|touch| touch.normal > 0.0);
     Contacts {
         normal: touches.each_ref().map(|touch| touch.normal / secs),
         friction: touches.each_ref().map(|touch| touch.friction / secs),
@@ -86,7 +83,6 @@ fn touch(world: &PhysicsWorld, collider: ColliderHandle) -> Touch {
             let impulse: f64 = points().map(|point| f64::from(point.impulse)).sum();
             touch.normal += impulse;
             touch.up += vector_from_sim(manifold.data.normal) * (away * impulse);
-            touch.pressed |= points().any(|point| point.warmstart_impulse > 0.0);
             // Only within one manifold do tangents share their directions.
             touch.friction += points().map(|point| point.tangent_impulse.cast::<f64>()).sum::<Vector2>().norm();
         }
