@@ -16,7 +16,7 @@ use rapier3d::prelude::*;
 /// Edges of the payload, a box of even density that stands on the trunk, m; guess: a sandbag of a few kilograms.
 const PAYLOAD_SIZE: [f64; 3] = [0.12, 0.08, 0.06];
 /// Passes over the contacts that end a solver step, friction included; rapier's default is one. With one, what a foot gets
-/// depends on the order of the feet, the more so the longer the step; more than these change little.
+/// depends on the order of the feet, the more so the longer the step; more than these change little (docs/accuracy.md).
 const RELAXATIONS: usize = 4;
 /// Degrees of freedom of the free root.
 pub(super) const ROOT_DOFS: usize = 6;
