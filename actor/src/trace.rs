@@ -118,9 +118,9 @@ mod tests {
         for (found, (_, expected)) in again.iter().zip(&trace.ticks[from..]) {
             assert_eq!(found.torques, expected.torques);
             let apart = found.after.joints.iter().zip(&expected.after.joints).map(|(a, b)| (a - b).abs());
-            // Not to the bit: the impulses that rapier's solver starts from are in no snapshot. What they make, 3e-4 rad in
-            // the first tick, grows to 5.4e-3 over 50.
-            assert!(apart.fold(0.0, f64::max) < 1e-2);
+            // Not to the bit: the impulses that rapier's solver starts from are in no snapshot. What they make is 3e-4 rad
+            // after 50 ticks as after the first.
+            assert!(apart.fold(0.0, f64::max) < 2e-3);
         }
     }
 

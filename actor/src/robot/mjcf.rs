@@ -4,7 +4,7 @@
 //! the finer of the two.
 //!
 //! Contact is nearly rigid, as rapier's is: rapier's feet sink in by a spring of `m ω²` (m is the mass that the contact
-//! feels), but that moves them only; a second pass gives them the velocities of rigid contact. MuJoCo's contact obeys
+//! feels), but that moves them only; later passes give them the velocities of rigid contact. MuJoCo's contact obeys
 //! `(1 − d)/d · f/m + a = −b v − k r` with an impedance d. With `k = ω² (1 − d)/d` feet come to rest as deep as rapier's.
 //! With d near one they take a second to, so that the spring gives next to no velocity, and b stops a foot as fast as the
 //! steps resolve. Rapier's damping ratio only says how fast its feet sink and has no part here.
