@@ -72,7 +72,7 @@ pub fn replay(config: &Config, start: &Snapshot, torques: &[[f64; 12]], hold_tic
     torques.iter().map(hold).collect()
 }
 
-/// Adds a share of these forces; a touch of trunk or knees is a touch, feet are where they are at the end.
+/// Adds a share of these forces; any touch of trunk or knees counts, of the feet the last.
 fn add_share(sum: &mut Contacts, contacts: &Contacts, share: f64) {
     for leg in 0..4 {
         sum.normal[leg] += share * contacts.normal[leg];
@@ -132,6 +132,8 @@ mod tests {
         let again = replay(&fine, &trace.start, &torques, 4);
         let (found, expected) = (again[24].after, trace.ticks[24].1.after);
         assert!((found.position[2] - expected.position[2]).abs() < 2e-3);
+        let feet = found.contacts().feet;
+        assert!(feet.into_iter().filter(|on_ground| *on_ground).count() >= 2, "a pair at least bears it: {feet:?}");
         let apart = found.joints.iter().zip(&expected.joints).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(apart > 0.0 && apart < 0.05, "{apart}");
     }
